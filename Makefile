@@ -1,0 +1,90 @@
+# Each goal sets up all it needs in .venv, then does its job.
+# PYTHON=/path/to/python chooses the interpreter of a new .venv; ARGS="..." is handed to the command.
+
+SHELL := /bin/sh
+PYTHON ?=
+ARGS ?=
+STAMP := .venv/.installed
+RUN := .venv/bin
+
+# The caller's own Python settings must not leak into .venv.
+unexport PYTHONHOME PYTHONPATH VIRTUAL_ENV
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help install train test slow coverage bench soak mutate reproduce docs clean FORCE
+
+help: ## list what can be made
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
+
+install: $(STAMP) ## set up .venv with the tested versions; the second time there is nothing to do
+
+train: install ## train 40 swimmers in a linear field and evaluate them: a new folder in runs/
+	$(RUN)/swarm train experiment=linear_n4 evaluate=true $(ARGS)
+
+test: install ## style, types and every test that is not slow
+	$(RUN)/ruff check .
+	$(RUN)/ruff format --check .
+	$(RUN)/mypy
+	$(RUN)/pytest -m "not slow" -n 2 $(ARGS)
+
+slow: install ## the slow tests
+	$(RUN)/pytest -m slow -n 2 $(ARGS)
+
+coverage: install ## the tests that are not slow, and which lines they reach
+	$(RUN)/pytest -m "not slow" -n 2 --cov --cov-report=term-missing:skip-covered $(ARGS)
+
+bench: install ## measure speed against the alternatives
+	$(RUN)/python -m benchmarks $(ARGS)
+
+soak: install ## hours of simulation, watching memory and speed
+	$(RUN)/python -m benchmarks.soak $(ARGS)
+
+mutate: install ## change the physics line by line and see whether a test notices
+	@$(RUN)/python -c 'import mutmut' 2>/dev/null || $(RUN)/python -m pip install -q -c constraints.txt -e '.[mutation]'
+	$(RUN)/mutmut run $(ARGS)
+	$(RUN)/mutmut results
+
+reproduce: install ## every figure and table of the paper, in runs/reproduce
+	$(RUN)/swarm reproduce --out runs/reproduce $(ARGS)
+
+docs: install ## build the documentation in site/
+	$(RUN)/mkdocs build --strict $(ARGS)
+
+clean: ## remove .venv and what the tools left behind; runs/ stays
+	rm -rf .venv site dist build mutants .mypy_cache .pytest_cache .ruff_cache .hypothesis .benchmarks .coverage
+
+# The stamp holds the folder it was made for: a copied or moved .venv would run another folder's code, and one whose
+# Python is gone runs nothing.
+ifneq ($(shell $(RUN)/python -c pass 2>/dev/null && cat $(STAMP) 2>/dev/null),$(CURDIR))
+$(STAMP): FORCE
+endif
+
+# An install that was killed leaves .installing behind; what it left half written cannot be told from what is whole,
+# so the next call starts over. The lock (where flock exists) keeps two calls from working at the same time.
+$(STAMP): pyproject.toml constraints.txt
+	@exec 9<Makefile; \
+	if command -v flock >/dev/null 2>&1; then flock -n 9 || { echo "Waiting for another install in this folder"; flock 9; }; fi; \
+	if [ "$$(cat $(STAMP) 2>/dev/null)" = "$(CURDIR)" ] && $(RUN)/python -c pass 2>/dev/null \
+	   && [ -z "$$(find pyproject.toml constraints.txt -newer $(STAMP))" ]; then exit 0; fi; \
+	if [ -e .venv/.installing ]; then echo "The last install did not finish: starting over"; rm -rf .venv; \
+	elif [ -e $(STAMP) ] && [ "$$(cat $(STAMP))" != "$(CURDIR)" ]; then echo ".venv came from another folder: starting over"; rm -rf .venv; \
+	elif [ -e .venv ] && ! $(RUN)/python -c 'import pip, sys; assert sys.version_info >= (3, 11)' 2>/dev/null; then echo ".venv has no working Python: starting over"; rm -rf .venv; fi; \
+	if [ ! -e .venv ]; then \
+	  base=''; \
+	  for below in '(3, 14)' '(4,)'; do \
+	    for candidate in "$(PYTHON)" python3 python3.13 python3.12 python3.11; do \
+	      [ -n "$$candidate" ] && [ -z "$$base" ] || continue; \
+	      base="$$("$$candidate" -c "import ensurepip, sys, venv; assert (3, 11) <= sys.version_info < $$below; print(getattr(sys, '_base_executable', sys.executable))" 2>/dev/null)" || base=''; \
+	    done; \
+	  done; \
+	  if [ -z "$$base" ]; then echo "No Python 3.11 or newer with the venv module was found. Name one: make install PYTHON=/path/to/python" >&2; exit 1; fi; \
+	  echo "Making .venv with $$("$$base" --version), $$base"; \
+	  mkdir .venv && touch .venv/.installing && "$$base" -m venv .venv || exit 1; \
+	fi; \
+	touch .venv/.installing; rm -f $(STAMP); \
+	echo "Installing the tested versions into .venv; the first time this takes some minutes"; \
+	PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt \
+	  $(RUN)/python -m pip install --quiet --editable '.[train,dev,docs]' || exit 1; \
+	printf '%s\n' "$(CURDIR)" > $(STAMP); rm .venv/.installing; \
+	echo "Installed: try .venv/bin/swarm --help"
