@@ -1,0 +1,1 @@
+"""Swarms of chemotactic microswimmers in one concentration-and-flow world."""

@@ -1,0 +1,42 @@
+"""Random numbers by counter: every draw is named by its population, purpose, seed, episode and cell.
+
+Row i of a draw belongs to cell i and is the same however many rows are drawn (NumPy fills them in order from one
+Philox generator), so a cell's life depends neither on how many others there are nor on what is drawn elsewhere.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Literal, get_args
+
+import numpy as np
+
+Population = Literal["training", "validation", "test"]
+Purpose = Literal["start", "past", "noise", "policy", "exploration", "replay", "network", "bootstrap"]
+
+_POPULATIONS = {name: number for number, name in enumerate(get_args(Population))}
+_PURPOSES = {name: number for number, name in enumerate(get_args(Purpose))}
+
+
+def check_seed(seed: int) -> int:
+    """Return `seed` as a Python int; raises TypeError or ValueError unless it is a whole number >= 0."""
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        raise TypeError(f"seed must be a whole number, got {seed!r}") from None
+    if isinstance(seed, bool):
+        raise TypeError(f"seed must be a whole number, got {seed!r}")
+    if number < 0:
+        raise ValueError(f"seed must not be negative, got {number}")
+    return number
+
+
+def generator(population: Population, purpose: Purpose, seed: int, *index: int) -> np.random.Generator:
+    """The generator of one draw; `index` (episode, attempt, block, …) separates draws of one purpose."""
+    key = (_POPULATIONS[population], _PURPOSES[purpose], *index)
+    return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+def integer_seed(population: Population, purpose: Purpose, seed: int, *index: int) -> int:
+    """A 63-bit seed of one purpose, for generators of other libraries."""
+    return int(generator(population, purpose, seed, *index).integers(2**63 - 1))

@@ -1,0 +1,537 @@
+"""The world: its parameters, the state of its cells, and one decision of every cell.
+
+All functions are pure and written against the Python array API, so NumPy, torch and jax arrays of any leading axes
+(..., cells) work alike. Randomness comes in as arrays.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from swarm import perception, swimmer
+from swarm.checks import check_count, check_flag, check_methods, check_name, check_number
+from swarm.fields import Field, LinearField, RadialField
+from swarm.flows import Flow, StillWater, TaylorGreen
+from swarm.swimmer import Pose, as_array
+
+Array = Any
+
+FIELDS: dict[str, type] = {"linear": LinearField, "radial": RadialField}
+FLOWS: dict[str, type] = {"still": StillWater, "taylor_green": TaylorGreen}
+INTERVAL_RULES = ("truncated", "exact")
+NOISE_CHANNELS = 3  # sensed concentration, curvature, heading
+DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
+
+
+class State(NamedTuple):
+    """Everything that changes; nothing is ever changed in place."""
+
+    position: Array  # (..., cells, 2) [length]
+    heading: Array  # (..., cells, 2) unit vector
+    memory: Array  # (..., cells, N_T, features), newest first, see `perception`
+    clock: Array  # (..., cells) ticks lived; without a common tick (..., cells, actions): decisions with each action
+    start_concentration: Array  # (..., cells) c(0)
+    finished: Array  # (..., cells) bool: arrived, left the domain or out of time
+
+    @property
+    def pose(self) -> Pose:
+        """Position and heading."""
+        return Pose(self.position, self.heading)
+
+
+class Outcome(NamedTuple):
+    """What one decision led to."""
+
+    observation: Array  # (..., cells, N_T · features) float32
+    reward: Array  # (..., cells) change of the memory's mean concentration, normalised
+    terminated: Array  # (..., cells) bool: reached the egg
+    truncated: Array  # (..., cells) bool: out of time, or left the domain
+    gain: Array  # (..., cells) c(t) − c(0) [concentration]
+
+
+class Tables(NamedTuple):
+    """What a decision does, by action and time left: row `action · (longest + 2) + min(ticks left, longest + 1)`.
+
+    The last rows are whole intervals, the others the clipped last interval of a life.
+    """
+
+    motion: Array  # (rows, 4), in a flow (rows, targets, 4): see `swimmer`
+    ticks: Array  # (rows,) how far the clock moves on
+    duration: Array  # (rows,) [time]
+    normal_curvature: Array  # (rows,) κ*
+    speed: Array  # (rows,)
+    weights: Array  # collocation weights
+
+
+@dataclass(frozen=True)
+class World:
+    """Parameters of a world; the paper's values are the defaults. Checks itself when made.
+
+    Raises TypeError or ValueError that names the parameter, the rule and the value.
+    """
+
+    n_records: int = 4  # N_T, records a cell keeps
+    field: Field = dataclasses.field(default_factory=LinearField)  # or "linear", "radial"
+    flow: Flow = dataclasses.field(default_factory=StillWater)  # or "still", "taylor_green"
+    sense_flow: bool = False  # records carry the flow's velocity and spin too
+    varying_speed: bool = False  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
+    life: float = 80.0  # t_life [time], paper table 1
+    start_box: tuple[tuple[float, float], tuple[float, float]] | None = None  # ((x, x), (y, y)); None: see `box`
+    curvatures: tuple[float, ...] = (3.0, 5.0)  # κ₁ … κ_m, evenly spaced [1 / length], paper table 1
+    speed: float = 1.0  # v [length / time], paper table 1
+    speeds: tuple[float, float] = (1.1, 0.9)  # v₁, v₂, paper table 1
+    time_step: float = 0.02  # Δt, the tick that intervals are rounded down to [time], paper table 1
+    interval_rule: str = "truncated"  # ΔT = int(T/(N_T Δt)) Δt, or "exact": T/N_T
+    concentration_noise: float = 0.0  # standard deviation of a record's concentration [concentration]
+    curvature_noise: float = 0.0  # standard deviation of the curvature swum during an interval [1 / length]
+    rotational_diffusion: float = 0.0  # D of the heading: variance 2 D ΔT per interval [rad² / time]
+
+    def __post_init__(self) -> None:
+        for name, known in (("field", FIELDS), ("flow", FLOWS)):
+            value = getattr(self, name)
+            if isinstance(value, str):
+                object.__setattr__(self, name, known[check_name(name, value, known)]())
+        check_methods("field", self.field, ["concentration"], ["gradient_scale"])
+        check_methods("flow", self.flow, ["velocity", "spin"], ["speed_scale", "spin_scale"])
+        check_number("field.gradient_scale", self.field.gradient_scale, above=0.0)
+        for name in ("speed_scale", "spin_scale"):
+            check_number(f"flow.{name}", getattr(self.flow, name), at_least=0.0)
+        object.__setattr__(self, "n_records", check_count("n_records", self.n_records, at_least=2))
+        for name in ("sense_flow", "varying_speed"):
+            object.__setattr__(self, name, check_flag(name, getattr(self, name)))
+        for name in ("life", "speed", "time_step"):
+            object.__setattr__(self, name, check_number(name, getattr(self, name), above=0.0))
+        for name in ("concentration_noise", "curvature_noise", "rotational_diffusion"):
+            object.__setattr__(self, name, check_number(name, getattr(self, name), at_least=0.0))
+        check_name("interval_rule", self.interval_rule, INTERVAL_RULES)
+        object.__setattr__(self, "curvatures", _check_curvatures(self.curvatures))
+        object.__setattr__(self, "speeds", _check_speeds(self.speeds))
+        if self.start_box is not None:
+            object.__setattr__(self, "start_box", _check_box(self.start_box))
+        if self.sense_flow and not (self.flow.speed_scale > 0 and self.flow.spin_scale > 0):
+            raise ValueError(
+                "sense_flow needs a flow with speed_scale and spin_scale above 0 to normalise by, "
+                f"got speed_scale {self.flow.speed_scale:g} and spin_scale {self.flow.spin_scale:g}"
+            )
+        if min(self.interval_ticks) < 1:
+            raise ValueError(
+                f"n_records must leave at least one time_step per decision: T/(N_T Δt) must reach 1, got n_records = "
+                f"{self.n_records} with period {min(self.periods):g} and time_step = {self.time_step:g}"
+            )
+
+    def replace(self, **changes: Any) -> World:
+        """A copy with other parameters, checked again."""
+        unknown = set(changes) - {item.name for item in dataclasses.fields(self)}
+        if unknown:
+            check_name("parameter", unknown.pop(), [item.name for item in dataclasses.fields(self)])
+        return dataclasses.replace(self, **changes)
+
+    # --- what follows from the parameters ---------------------------------------------------------------------------
+
+    @property
+    def n_actions(self) -> int:
+        """m, the number of curvatures."""
+        return len(self.curvatures)
+
+    @property
+    def box(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Where starts are drawn: `start_box`, else one period of the flow, else [0, 10]²."""
+        if self.start_box is not None:
+            return self.start_box
+        period = getattr(self.flow, "period", None)
+        return DEFAULT_BOX if period is None else ((0.0, float(period)), (0.0, float(period)))
+
+    @property
+    def features(self) -> int:
+        """Numbers in a record: 2, or 5 with the flow sensed."""
+        return 5 if self.sense_flow else 2
+
+    @property
+    def observation_size(self) -> int:
+        """N_T · features."""
+        return self.n_records * self.features
+
+    @property
+    def mean_curvature(self) -> float:
+        """κ̄ [1 / length]."""
+        return 0.5 * (self.curvatures[0] + self.curvatures[-1])
+
+    @cached_property
+    def action_speeds(self) -> tuple[float, ...]:
+        """Speed with each action [length / time]."""
+        if not self.varying_speed:
+            return (self.speed,) * self.n_actions
+        return tuple(float(v) for v in np.linspace(*self.speeds, self.n_actions))
+
+    @property
+    def periods(self) -> tuple[float, ...]:
+        """T = 2π/(κ̄ v) with each action [time] (paper: average period)."""
+        return tuple(2 * math.pi / (self.mean_curvature * speed) for speed in self.action_speeds)
+
+    @property
+    def has_common_tick(self) -> bool:
+        """Whether all intervals are whole numbers of one tick."""
+        return self.interval_rule == "truncated" or len(set(self.action_speeds)) == 1
+
+    @property
+    def tick(self) -> float:
+        """Unit of the clock [time]: Δt, or one decision where intervals are exact."""
+        return self.time_step if self.interval_rule == "truncated" else self.periods[0] / self.n_records
+
+    @cached_property
+    def interval_ticks(self) -> tuple[int, ...]:
+        """Ticks of a decision with each action. Paper: ΔT is rounded down to whole integration steps."""
+        if self.interval_rule == "exact":
+            return (1,) * self.n_actions
+        # the small number keeps a quotient that is whole but for rounding
+        return tuple(int(period / (self.n_records * self.time_step) + 1e-9) for period in self.periods)
+
+    @property
+    def intervals(self) -> tuple[float, ...]:
+        """ΔT with each action [time]."""
+        if self.interval_rule == "exact":
+            return tuple(period / self.n_records for period in self.periods)
+        return tuple(ticks * self.time_step for ticks in self.interval_ticks)
+
+    @cached_property
+    def life_ticks(self) -> int:
+        """Ticks of a life; the last one may be cut short."""
+        return max(1, math.ceil(self.life / self.tick - 1e-9))
+
+    @property
+    def max_decisions(self) -> int:
+        """The most decisions a life can take."""
+        return math.ceil(self.life / min(self.intervals) - 1e-9)
+
+    @property
+    def has_noise(self) -> bool:
+        """Whether any perturbation is on, so that `step` needs noise."""
+        return max(self.concentration_noise, self.curvature_noise, self.rotational_diffusion) > 0
+
+    @property
+    def in_flow(self) -> bool:
+        """Whether there is a flow to integrate."""
+        return not isinstance(self.flow, StillWater)
+
+    @property
+    def reward_scale(self) -> float:
+        """Reward per change of a normalised record: c_k/κ̄ over N_T c_k |1/κ₁ − 1/κ_m|."""
+        contrast = abs(1 / self.curvatures[0] - 1 / self.curvatures[-1])
+        return 1 / (self.mean_curvature * self.n_records * contrast)
+
+    @property
+    def record_scale(self) -> float:
+        """κ̄/c_k, by which records hold concentrations."""
+        return self.mean_curvature / self.field.gradient_scale
+
+    @cached_property
+    def egg(self) -> tuple[tuple[float, float], float] | None:
+        """Position and radius of the egg, or None."""
+        radius = getattr(self.field, "egg_radius", None)
+        if radius is None:
+            return None
+        x, y = getattr(self.field, "egg_position", (0.0, 0.0))
+        return (float(x), float(y)), float(radius)
+
+    @cached_property
+    def domains(self) -> tuple[Any, ...]:
+        """The field's and the flow's `inside`, where they have one."""
+        return tuple(part.inside for part in (self.field, self.flow) if hasattr(part, "inside"))
+
+    @cached_property
+    def scheme(self) -> swimmer.Collocation:
+        """How an interval in the flow is integrated."""
+        duration = max(self.intervals)
+        lengths = [speed * interval for speed, interval in zip(self.action_speeds, self.intervals, strict=True)]
+        turns = [kappa * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
+        spacing = self.time_step if self.egg is not None else None
+        return swimmer.Collocation.for_interval(self.flow, max(turns), max(lengths), duration, spacing)
+
+    @property
+    def observation_bounds(self) -> np.ndarray:
+        """Bounds b (observation_size,) float32 with −b <= observation <= b."""
+        largest = float(np.finfo(np.float32).max)
+        gradient = getattr(self.field, "max_gradient", None)
+        current = getattr(self.flow, "max_speed", None)
+        if gradient is None or current is None or self.concentration_noise > 0:
+            reach = largest
+        else:  # a record differs from the mean by less than the path between the first and the last record
+            steps = [(speed + current) * dt for speed, dt in zip(self.action_speeds, self.intervals, strict=True)]
+            reach = 1.001 * (self.n_records - 1) * max(steps) * gradient * self.record_scale + 1e-3
+        sensed = 1.001 if current is not None else largest
+        return np.tile(np.array([reach, 1.001, sensed, sensed, sensed][: self.features], np.float32), self.n_records)
+
+    # --- tables -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _cached_tables(self) -> dict[Any, Tables]:
+        return {}
+
+    def tables(self, like: Array) -> Tables:
+        """The tables in the array library, dtype and device of `like`."""
+        xp = array_namespace(like)
+        cacheable = xp.__name__.endswith(("numpy", "torch"))  # a tracer must not outlive its trace
+        key = (xp.__name__, like.dtype, str(like.device)) if cacheable else None
+        tables = self._cached_tables.get(key)
+        if tables is None:
+            rows = self._rows()
+            scheme = as_array(self.scheme.weights, like) if self.in_flow else None
+            tables = Tables(*(as_array(part, like) for part in rows), scheme)
+            tables = tables._replace(ticks=as_array(rows[1], like, dtype=xp.int32))
+            if cacheable:
+                self._cached_tables[key] = tables
+        return tables
+
+    def _rows(self) -> tuple[np.ndarray, ...]:
+        """Motion, ticks, duration, κ*, speed of every row, in float64."""
+        longest = max(self.interval_ticks)
+        left = np.tile(np.arange(longest + 2), self.n_actions)
+        action = np.repeat(np.arange(self.n_actions), longest + 2)
+        whole = np.asarray(self.interval_ticks)[action]
+        slack = self.life_ticks * self.tick - self.life  # what is missing of the last tick
+        clipped = np.maximum(left * self.tick - slack, 0.0)
+        duration = np.where(left > whole, np.asarray(self.intervals)[action], clipped)
+        curvature, speed = np.asarray(self.curvatures)[action], np.asarray(self.action_speeds)[action]
+        motion = self._motion(curvature, speed, duration)
+        return motion, np.minimum(left, whole), duration, self.normal_curvature(curvature), speed
+
+    def _motion(self, curvature: Array, speed: Array, duration: Array) -> Array:
+        """Motion (..., 4) of an arc, or in a flow of all the scheme's targets (..., targets, 4)."""
+        if not self.in_flow:
+            return swimmer.arc(curvature, speed, duration)
+        xp = array_namespace(duration)
+        return xp.moveaxis(self.scheme.motions(curvature, speed, duration), 0, -2)
+
+    def normal_curvature(self, curvature: Array) -> Array:
+        """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""
+        return (curvature - self.mean_curvature) * (2 / (self.curvatures[-1] - self.curvatures[0]))
+
+    # --- start and step ---------------------------------------------------------------------------------------------
+
+    def start(self, position: Array, heading: Array, past: Array) -> State:
+        """The state at t = 0 with a memory full of true records.
+
+        `position` (..., cells, 2), `heading` (..., cells) [rad], `past` (..., cells, N_T) actions, newest first: the cell
+        swam the newest N_T − 1 of them to its pose, the oldest is only recorded.
+        """
+        xp = array_namespace(position)
+        heading = xp.stack([xp.cos(heading), xp.sin(heading)], axis=-1)
+        dtype = position.dtype
+        by_action = [
+            as_array(np.asarray(values), position, dtype=dtype)
+            for values in (self.curvatures, self.action_speeds, self.intervals)
+        ]
+        pose = Pose(position, heading)
+        records = []
+        for i in range(self.n_records):
+            curvature, speed, interval = (_by_row(values, past[..., i]) for values in by_action)
+            records.append(self._record(pose.position, self.normal_curvature(curvature)))
+            if i < self.n_records - 1:
+                pose = swimmer.swim(pose, curvature, speed, -interval, self.flow)
+        concentration = self.field.concentration(position)
+        counters = () if self.has_common_tick else (self.n_actions,)
+        return State(
+            position=position,
+            heading=heading,
+            memory=xp.stack(records, axis=-2),
+            clock=as_array(np.zeros((*position.shape[:-1], *counters)), position, dtype=xp.int32),
+            start_concentration=concentration,
+            finished=as_array(np.zeros(position.shape[:-1]), position, dtype=xp.bool),
+        )
+
+    def step(self, state: State, action: Array, noise: Array | None = None) -> tuple[State, Outcome]:
+        """One decision of every cell, whatever its length; a finished cell stays where it is.
+
+        `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed when a
+        perturbation is on. Pure: `state` is left as it was.
+        """
+        position, heading, memory, clock, start_concentration, was_finished = state
+        xp = array_namespace(position)
+        if self.has_noise and noise is None:
+            raise ValueError("noise must be given to step: the world has perturbations, got None")
+        clock, motion, duration, speed, normal_curvature = self._interval(state, action, noise)
+        if self.in_flow:
+            weights = self.tables(position).weights
+            pose, path = self.scheme.swim(state.pose, xp.moveaxis(motion, -2, 0), speed, duration, weights, self.flow)
+        else:
+            pose, path = swimmer.along_arc(state.pose, motion), None
+        if self.rotational_diffusion > 0:
+            kick = noise[..., 2] * (2 * self.rotational_diffusion * duration) ** 0.5
+            pose = Pose(
+                pose.position, swimmer.turned(pose.heading, swimmer.left_of(pose.heading), xp.cos(kick), xp.sin(kick))
+            )
+        concentration = self.field.concentration(pose.position)
+        sensed = concentration
+        if self.concentration_noise > 0:
+            sensed = concentration + self.concentration_noise * noise[..., 0]
+        newest = self._record(pose.position, normal_curvature, sensed)
+        reward = (newest[..., 0] - memory[..., -1, 0]) * self.reward_scale
+        memory = perception.remember(memory, newest)
+        truncated = finished = self._time_is_up(clock)
+        terminated = finished & ~finished
+        if self.domains:
+            for inside in self.domains:
+                truncated = truncated | ~inside(pose.position)
+            finished = truncated
+        if self.egg is not None:
+            terminated = self._arrived(state, pose, action, noise, duration, path)
+            truncated = truncated & ~terminated
+            finished = truncated | terminated
+        if self.egg is not None or self.domains:
+            finished = finished | was_finished
+        state = State(pose.position, pose.heading, memory, clock, start_concentration, finished)
+        gain = concentration - start_concentration
+        return state, Outcome(perception.observe(memory), reward, terminated, truncated, gain)
+
+    def _interval(self, state: State, action: Array, noise: Array | None) -> tuple[Array, ...]:
+        """Clock after it, motion, duration, speed and κ* of each cell's next interval."""
+        tables = self.tables(state.position)
+        xp = array_namespace(state.position)
+        action = xp.astype(action, xp.int32, copy=False)
+        if not self.has_common_tick:
+            return self._counted_interval(state, action, noise)
+        rows = max(self.interval_ticks) + 2
+        left = self.life_ticks - state.clock
+        if self.egg is not None or self.domains:
+            left = xp.where(state.finished, xp.zeros_like(left), left)
+        row = action * rows + xp.minimum(left, rows - 1)
+        clock = state.clock + _by_row(tables.ticks, row)
+        normal_curvature = _by_row(tables.normal_curvature, row)
+        if self.curvature_noise == 0 and not self.in_flow and self.rotational_diffusion == 0 and self.egg is None:
+            return clock, _by_row(tables.motion, row), None, None, normal_curvature
+        duration, speed = _by_row(tables.duration, row), _by_row(tables.speed, row)
+        if self.curvature_noise > 0:
+            curvature = self._curvature(action, state.position) + self.curvature_noise * noise[..., 1]
+            return clock, self._motion(curvature, speed, duration), duration, speed, normal_curvature
+        return clock, _by_row(tables.motion, row), duration, speed, normal_curvature
+
+    def _counted_interval(self, state: State, action: Array, noise: Array | None) -> tuple[Array, ...]:
+        """`_interval` where no common tick exists: decisions are counted by action, so rounding never piles up."""
+        xp = array_namespace(state.position)
+        curvatures, speeds, intervals = (
+            as_array(np.asarray(values), state.position)
+            for values in (self.curvatures, self.action_speeds, self.intervals)
+        )
+        left = self.life - self.time(state)
+        whole, speed = _by_row(intervals, action), _by_row(speeds, action)
+        duration = xp.minimum(whole, left)
+        duration = xp.where(state.finished | self._time_is_up(state.clock), xp.zeros_like(left), duration)
+        taken = xp.astype(action[..., None] == xp.arange(self.n_actions, dtype=xp.int32), xp.int32)
+        clock = state.clock + xp.where((duration > 0)[..., None], taken, xp.zeros_like(taken))
+        commanded = _by_row(curvatures, action)
+        swum = commanded + self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else commanded
+        return clock, self._motion(swum, speed, duration), duration, speed, self.normal_curvature(commanded)
+
+    def _time_is_up(self, clock: Array) -> Array:
+        if self.has_common_tick:
+            return clock >= self.life_ticks
+        return self._elapsed(clock, clock) >= self.life * (1 - 1e-6)
+
+    def _elapsed(self, clock: Array, like: Array) -> Array:
+        xp = array_namespace(clock)
+        dtype = like.dtype if xp.isdtype(like.dtype, "real floating") else xp.float32
+        if self.has_common_tick:
+            return xp.astype(clock, dtype) * self.tick
+        return xp.sum(xp.astype(clock, dtype) * as_array(np.asarray(self.intervals), clock, dtype=dtype), axis=-1)
+
+    def time(self, state: State) -> Array:
+        """Time lived (..., cells), never above `life` [time]."""
+        elapsed = self._elapsed(state.clock, state.position)
+        xp = array_namespace(elapsed)
+        return xp.minimum(elapsed, xp.full_like(elapsed, self.life))
+
+    def observation(self, state: State) -> Array:
+        """Observation (..., cells, N_T · features) float32 of a state."""
+        return perception.observe(state.memory)
+
+    def heading_angle(self, state: State) -> Array:
+        """Heading θ (..., cells) in (−π, π] [rad]."""
+        xp = array_namespace(state.heading)
+        return xp.atan2(state.heading[..., 1], state.heading[..., 0])
+
+    def curvature(self, state: State) -> Array:
+        """Curvature (..., cells) used during the interval that ended now [1 / length]."""
+        contrast = 0.5 * (self.curvatures[-1] - self.curvatures[0])
+        return state.memory[..., 0, 1] * contrast + self.mean_curvature
+
+    def _curvature(self, action: Array, like: Array) -> Array:
+        return _by_row(as_array(np.asarray(self.curvatures), like), action)
+
+    def _record(self, position: Array, normal_curvature: Array, concentration: Array | None = None) -> Array:
+        if concentration is None:
+            concentration = self.field.concentration(position)
+        flow = None
+        if self.sense_flow:
+            xp = array_namespace(position)
+            velocity = self.flow.velocity(position) / self.flow.speed_scale
+            flow = xp.concat([velocity, (self.flow.spin(position) / self.flow.spin_scale)[..., None]], axis=-1)
+        return perception.record(concentration, normal_curvature, flow, self.record_scale)
+
+    def _arrived(
+        self, state: State, pose: Pose, action: Array, noise: Array | None, duration: Array, path: Array | None
+    ) -> Array:
+        """Whether the path of the interval came within reach of the egg; False for finished cells."""
+        assert self.egg is not None
+        xp = array_namespace(pose.position)
+        centre, radius = self.egg
+        if path is None:
+            curvature = self._curvature(action, pose.position)
+            if self.curvature_noise > 0:
+                curvature = curvature + self.curvature_noise * noise[..., 1]  # type: ignore[index]
+            speed = _by_row(as_array(np.asarray(self.action_speeds), pose.position), action)
+            nearest = swimmer.closest_approach(state.pose, curvature, curvature * speed * duration, centre)
+            reached = nearest <= radius
+        else:
+            from_egg = xp.concat([path, pose.position[None, ...]], axis=0) - as_array(np.asarray(centre), path)
+            reached = xp.any(from_egg[..., 0] ** 2 + from_egg[..., 1] ** 2 <= radius**2, axis=0)
+        return reached & ~state.finished
+
+
+def _by_row(table: Array, row: Array) -> Array:
+    """`table[row]` for whole-number arrays of any shape."""
+    xp = array_namespace(table)
+    taken = xp.take(table, xp.reshape(row, (-1,)), axis=0)
+    return xp.reshape(taken, (*row.shape, *table.shape[1:]))
+
+
+def _check_curvatures(values: Any) -> tuple[float, ...]:
+    try:
+        curvatures = tuple(check_number("curvatures", value) for value in values)
+    except TypeError:
+        raise TypeError(f"curvatures must be two or more numbers, got {values!r}") from None
+    if len(curvatures) < 2:
+        raise ValueError(f"curvatures must be two or more numbers, got {values!r}")
+    steps = np.diff(curvatures)
+    if curvatures[0] <= 0 or np.any(steps <= 0):
+        raise ValueError(f"curvatures must rise and be positive, got {curvatures}")
+    if np.ptp(steps) > 1e-9 * steps[0]:
+        raise ValueError(f"curvatures must be evenly spaced, got {curvatures}")
+    return curvatures
+
+
+def _check_speeds(values: Any) -> tuple[float, float]:
+    try:
+        first, last = (check_number("speeds", value, above=0.0) for value in values)
+    except TypeError:
+        raise TypeError(f"speeds must be two positive numbers, got {values!r}") from None
+    except ValueError:
+        raise ValueError(f"speeds must be two positive numbers, got {values!r}") from None
+    return first, last
+
+
+def _check_box(values: Any) -> tuple[tuple[float, float], tuple[float, float]]:
+    rule = f"start_box must be ((x_low, x_high), (y_low, y_high)) with low <= high, got {values!r}"
+    try:
+        (left, right), (bottom, top) = ((check_number("start_box", v) for v in side) for side in values)
+    except (TypeError, ValueError):
+        raise ValueError(rule) from None
+    if left > right or bottom > top:
+        raise ValueError(rule)
+    return (left, right), (bottom, top)
