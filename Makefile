@@ -41,7 +41,7 @@ soak: install ## hours of simulation, watching memory and speed
 	$(RUN)/python -m benchmarks.soak $(ARGS)
 
 mutate: install ## change the physics line by line and see whether a test notices
-	@$(RUN)/python -c 'import mutmut' 2>/dev/null || $(RUN)/python -m pip install -q -c constraints.txt -e '.[mutation]'
+	@$(RUN)/python -c 'import mutmut' 2>/dev/null || $(RUN)/python -m pip install -qq -c constraints.txt -e '.[mutation]'
 	$(RUN)/mutmut run $(ARGS)
 	$(RUN)/mutmut results
 
@@ -49,7 +49,7 @@ reproduce: install ## every figure and table of the paper, in runs/reproduce
 	$(RUN)/swarm reproduce --out runs/reproduce $(ARGS)
 
 docs: install ## build the documentation in site/
-	$(RUN)/mkdocs build --strict $(ARGS)
+	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --strict $(ARGS)
 
 clean: ## remove .venv and what the tools left behind; runs/ stays
 	rm -rf .venv site dist build mutants .mypy_cache .pytest_cache .ruff_cache .hypothesis .benchmarks .coverage
@@ -85,6 +85,6 @@ $(STAMP): pyproject.toml constraints.txt
 	touch .venv/.installing; rm -f $(STAMP); \
 	echo "Installing the tested versions into .venv; the first time this takes some minutes"; \
 	PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt \
-	  $(RUN)/python -m pip install --quiet --editable '.[train,dev,docs]' || exit 1; \
+	  $(RUN)/python -m pip install -qq --editable '.[train,dev,docs]' || exit 1; \
 	printf '%s\n' "$(CURDIR)" > $(STAMP); rm .venv/.installing; \
 	echo "Installed: try .venv/bin/swarm --help"
