@@ -27,8 +27,8 @@ class Policy(Protocol):
     def act(self, world: World, state: State, uniform: Array) -> Array:
         """Whole numbers 0 … m − 1 (..., cells).
 
-        `uniform` (..., cells) in [0, 1) is each cell's own random number for this decision; policies that leave
-        nothing to chance ignore it, and then it may be None.
+        `uniform` (..., cells) in [0, 1) is each cell's own random number for this decision; policies that
+        leave nothing to chance ignore it, and then it may be None.
         """
         ...
 
@@ -56,9 +56,9 @@ class Greedy:
 class Swinging:
     """Lowest and highest curvature by turns, switching every N_T ΔT / 2 (paper: swinging pattern).
 
-    Decision j takes the lowest where ⌊2j/N_T⌋ is even. How many decisions a cell has made is read off its clock, on
-    which swinging keeps a timetable of N_T decisions; so the policy needs no memory, and where it takes over from
-    another it falls into step with the timetable.
+    Decision j takes the lowest where ⌊2j/N_T⌋ is even. How many decisions a cell has made is read off its
+    clock, on which swinging keeps a timetable of N_T decisions; so the policy needs no memory, and where it takes
+    over from another it falls into step with the timetable.
     """
 
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:

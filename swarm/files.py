@@ -1,0 +1,82 @@
+"""Files written whole or not at all: a temporary sibling, flushed to the disk, then renamed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def replacing(path: str | os.PathLike) -> Iterator[Path]:
+    """A temporary path to write to; at the end it takes the place of `path`, after an error it is removed."""
+    target = Path(path)
+    temporary = _sibling(target)
+    try:
+        yield temporary
+        _flush(temporary)
+        os.replace(temporary, target)
+        _flush(target.parent)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_bytes(path: str | os.PathLike, data: bytes) -> None:
+    """Writes `data` to `path`; whoever reads it sees the old file or the new one."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def write_text(path: str | os.PathLike, text: str) -> None:
+    """Writes `text` to `path` in UTF-8; whoever reads it sees the old file or the new one."""
+    write_bytes(path, text.encode())
+
+
+def check_new_folder(path: str | os.PathLike) -> Path:
+    """Return `path`; raises FileExistsError unless there is nothing yet, or an empty folder."""
+    folder = Path(path)
+    if folder.is_dir() and not any(folder.iterdir()):
+        return folder
+    if folder.exists() or folder.is_symlink():
+        raise FileExistsError(
+            f"{folder} must be a new or an empty folder: what is there is never overwritten"
+        )
+    return folder
+
+
+@contextmanager
+def new_folder(path: str | os.PathLike) -> Iterator[Path]:
+    """A temporary folder to fill; at the end it becomes the folder `path`, after an error it is removed.
+
+    Raises FileExistsError unless `path` is new or an empty folder. Parents are made.
+    """
+    target = check_new_folder(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    temporary = _sibling(target)
+    temporary.mkdir()
+    try:
+        yield temporary
+        for file in temporary.rglob("*"):
+            _flush(file)
+        _flush(temporary)
+        os.replace(temporary, target)
+        _flush(target.parent)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _sibling(path: Path) -> Path:
+    """A path beside `path`, so that the rename stays within one file system, that no other process takes."""
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}")
+
+
+def _flush(path: Path) -> None:
+    """Waits until the file's or folder's content is on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,34 @@
+"""Where a result comes from: the versions and the commit of the software that made it."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+from importlib import metadata
+from pathlib import Path
+
+_PACKAGES = ("chemoswarm", "numpy", "scipy", "torch", "torchrl", "tensordict")
+
+
+def versions(*packages: str) -> dict[str, str]:
+    """Versions of Python, of this software and of the `packages` (default: those that numbers depend on)."""
+    found = {"python": platform.python_version()}
+    for name in packages or _PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def commit() -> str | None:
+    """The commit this source tree is at, with "-dirty" after it where files differ; None for an installed copy."""
+    root = Path(__file__).resolve().parent.parent
+    if not (root / ".git").exists():
+        return None
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None
