@@ -1,0 +1,274 @@
+"""The TorchRL face: many worlds of many swimmers in one tensor, on any device."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from swarm import streams
+from swarm.checks import check_count, check_name
+from swarm.starts import draw_noise, draw_starts
+from swarm.world import State, World
+
+GROUP = "swimmers"
+NOISE_BLOCK = 64  # decisions whose noise is drawn at once
+DTYPES = {"float32": torch.float32, "float64": torch.float64}
+
+
+class Transition(NamedTuple):
+    """What `SwarmEnv.advance` returns; finished cells get reward 0 and keep their last observation's memory."""
+
+    observation: Tensor  # (worlds, cells, N_T · features) float32
+    reward: Tensor  # (worlds, cells)
+    terminated: Tensor  # (worlds, cells) bool
+    truncated: Tensor  # (worlds, cells) bool
+    valid: Tensor  # (worlds, cells) bool: the cell was alive before this decision
+
+
+class SwarmEnv(EnvBase):
+    """`n_worlds` independent worlds of `n_swimmers` cells each; arguments otherwise as `swarm.parallel_env`.
+
+    Tensors are (worlds, cells, ...) in the group `swimmers`: `observation`, `action`, `reward`, `done`, `terminated`,
+    `truncated`, `gain`. A cell that is done waits, masked, until every cell of its world is done; then the root `done` of the
+    world is set and the world restarts. A row of data is valid where ("swimmers", "done") was False before the step.
+
+    Starts come from the same streams as the PettingZoo face: world w of seed s holds rows w · n_swimmers … of that seed's
+    population. With `seeds` given, the worlds are shared out evenly among several independent seeds.
+    """
+
+    batch_locked = True
+
+    def __init__(
+        self,
+        n_worlds: int = 1,
+        device: torch.device | str | None = None,
+        *,
+        n_swimmers: int = 40,
+        dtype: str = "float32",
+        max_cycles: int | None = None,
+        seed: int = 0,
+        seeds: Sequence[int] | None = None,
+        population: streams.Population = "training",
+        world: World | None = None,
+        **parameters: Any,
+    ) -> None:
+        known = [item.name for item in dataclasses.fields(World)]
+        for name in parameters:
+            check_name("parameter", name, known)
+        if world is not None and parameters:
+            raise TypeError(f"world must be given alone or by its parameters, got both world and {sorted(parameters)}")
+        self.n_worlds = check_count("n_worlds", n_worlds)
+        self.n_swimmers = check_count("n_swimmers", n_swimmers)
+        self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
+        self.world = World(**parameters) if world is None else world
+        self.float_dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
+        self.population = population
+        super().__init__(device=device, batch_size=torch.Size([self.n_worlds]))
+        self._place = torch.device("cpu") if device is None else torch.device(device)
+        self._make_specs()
+        self.state: State | None = None
+        self.observation: Tensor | None = None
+        self.set_seeds([seed] if seeds is None else seeds)
+
+    # --- plain tensors: what the trainer uses -----------------------------------------------------------------------
+
+    def set_seeds(self, seeds: Sequence[int]) -> None:
+        """Share the worlds out among `seeds`, block after block, and begin with episode 0 at the next restart."""
+        self.seeds = [streams.check_seed(seed) for seed in seeds]
+        if not self.seeds or self.n_worlds % len(self.seeds):
+            raise ValueError(f"n_worlds must be a multiple of the number of seeds, got {self.n_worlds} and {len(self.seeds)}")
+        self.episode = np.full(self.n_worlds, -1)
+        self.decision = np.zeros(self.n_worlds, np.int64)
+
+    def restart(self, worlds: np.ndarray | None = None) -> Tensor:
+        """Begin the next episode in the chosen worlds (a mask; default all); returns all observations."""
+        chosen = np.ones(self.n_worlds, bool) if worlds is None or self.state is None else np.asarray(worlds)
+        self.episode[chosen] += 1
+        self.decision[chosen] = 0
+        position = np.zeros((self.n_worlds, self.n_swimmers, 2))
+        heading = np.zeros((self.n_worlds, self.n_swimmers))
+        past = np.zeros((self.n_worlds, self.n_swimmers, self.world.n_records), np.int64)
+        for seed, episode, block, members in self._alike(chosen, self.episode):
+            starts = draw_starts(
+                self.world, len(block) * self.n_swimmers, seed, population=self.population, episode=episode
+            )
+            rows = members - block[0]
+            shape = (len(block), self.n_swimmers)
+            position[members] = starts.position.reshape(*shape, 2)[rows]
+            heading[members] = starts.heading.reshape(shape)[rows]
+            past[members] = starts.past.reshape(*shape, self.world.n_records)[rows]
+        fresh = self.world.start(self._float(position), self._float(heading), self._tensor(past))
+        if self.state is None or chosen.all():
+            self.state = fresh
+        else:
+            mask = self._tensor(chosen)
+            self.state = State(*(_where(mask, new, old) for new, old in zip(fresh, self.state, strict=True)))
+        self.observation = self.world.observation(self.state)
+        if self.world.has_noise:
+            self._refill_noise(chosen)
+        return self.observation
+
+    def place(self, position: Tensor, heading: Tensor, past: Tensor) -> Tensor:
+        """Start every cell at given poses (worlds, cells, ...); returns the observations."""
+        self.episode[:] = np.maximum(self.episode, 0)
+        self.decision[:] = 0
+        self.state = self.world.start(position.to(self.float_dtype), heading.to(self.float_dtype), past)
+        self.observation = self.world.observation(self.state)
+        if self.world.has_noise:
+            self._refill_noise(np.ones(self.n_worlds, bool))
+        return self.observation
+
+    def advance(self, action: Tensor) -> Transition:
+        """One decision of every cell, without a TensorDict; does not restart finished worlds."""
+        if self.state is None:
+            raise RuntimeError("restart() or reset() must come before advance()")
+        was_finished = self.state.finished
+        self.state, outcome = self.world.step(self.state, action, self._noise_now())
+        self.decision += 1
+        if self.world.has_noise and (due := self.decision % NOISE_BLOCK == 0).any():
+            self._refill_noise(due)
+        truncated = outcome.truncated
+        if self.max_cycles is not None and (over := self.decision >= self.max_cycles).any():
+            truncated = truncated | (self._tensor(over)[:, None] & ~outcome.terminated)
+            self.state = self.state._replace(finished=self.state.finished | truncated)
+        self.observation = outcome.observation
+        return Transition(
+            outcome.observation,
+            torch.where(was_finished, torch.zeros_like(outcome.reward), outcome.reward),
+            outcome.terminated,
+            truncated,
+            ~was_finished,
+        )
+
+    def state_dict_of_env(self) -> dict[str, Tensor]:
+        """All that is needed to go on from here: the cells' state and the counters."""
+        assert self.state is not None, "restart() must come first"
+        arrays = {f"state.{name}": value for name, value in self.state._asdict().items()}
+        return arrays | {"episode": torch.as_tensor(self.episode.copy()), "decision": torch.as_tensor(self.decision.copy())}
+
+    def load_state_dict_of_env(self, arrays: dict[str, Tensor]) -> None:
+        """Go on from what `state_dict_of_env` gave."""
+        self.state = State(*(arrays[f"state.{name}"].to(self._place) for name in State._fields))
+        self.episode, self.decision = arrays["episode"].numpy().copy(), arrays["decision"].numpy().copy()
+        self.observation = self.world.observation(self.state)
+        if self.world.has_noise:
+            self._refill_noise(np.ones(self.n_worlds, bool))
+
+    # --- TensorDicts: what TorchRL asks for -------------------------------------------------------------------------
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDict:
+        worlds = None
+        if tensordict is not None and "_reset" in tensordict.keys():
+            worlds = tensordict["_reset"].reshape(self.n_worlds).cpu().numpy()
+        observation = self.restart(worlds)
+        assert self.state is not None
+        done = self.state.finished[..., None]
+        fresh = torch.ones(self.n_worlds, dtype=torch.bool) if worlds is None else self._tensor(worlds)
+        self._terminated = _where(fresh, torch.zeros_like(done), self._terminated if worlds is not None else done)
+        return self._pack(observation, self._gain(), done, self._terminated, done & ~self._terminated)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDict:
+        result = self.advance(tensordict[GROUP, "action"])
+        assert self.state is not None
+        done = self.state.finished[..., None]
+        self._terminated = self._terminated | result.terminated[..., None]
+        out = self._pack(result.observation, self._gain(), done, self._terminated, done & ~self._terminated)
+        out[GROUP]["reward"] = result.reward[..., None].to(torch.float32)
+        return out
+
+    def _set_seed(self, seed: int | None) -> None:
+        self.set_seeds([0 if seed is None else seed])
+
+    def _gain(self) -> Tensor:
+        assert self.state is not None
+        return self.world.field.concentration(self.state.position) - self.state.start_concentration
+
+    def _pack(self, observation: Tensor, gain: Tensor, done: Tensor, terminated: Tensor, truncated: Tensor) -> TensorDict:
+        everyone = done.all(dim=1)  # (worlds, 1)
+        ended = terminated.all(dim=1)
+        group = TensorDict(
+            {
+                "observation": observation,
+                "gain": gain[..., None].to(torch.float32),
+                "done": done,
+                "terminated": terminated,
+                "truncated": truncated,
+            },
+            batch_size=(self.n_worlds, self.n_swimmers),
+            device=self.device,
+        )
+        root = {GROUP: group, "done": everyone, "terminated": ended, "truncated": everyone & ~ended}
+        return TensorDict(root, batch_size=self.batch_size, device=self.device)
+
+    def _make_specs(self) -> None:
+        shape, device = (self.n_worlds, self.n_swimmers), self._place
+        bound = torch.as_tensor(self.world.observation_bounds, device=device).expand(*shape, -1)
+        flag = {"dtype": torch.bool, "device": device, "n": 1}
+
+        def group(**specs: Any) -> Composite:
+            return Composite({GROUP: Composite(specs, shape=shape)}, shape=(self.n_worlds,))
+
+        self.observation_spec = group(
+            observation=Bounded(-bound, bound, shape=bound.shape, dtype=torch.float32, device=device),
+            gain=Unbounded(shape=(*shape, 1), dtype=torch.float32, device=device),
+        )
+        self.action_spec = group(action=Categorical(self.world.n_actions, shape=shape, dtype=torch.int64, device=device))
+        self.reward_spec = group(reward=Unbounded(shape=(*shape, 1), dtype=torch.float32, device=device))
+        names = ("done", "terminated", "truncated")
+        done = group(**{name: Binary(shape=(*shape, 1), **flag) for name in names})
+        for name in names:
+            done[name] = Binary(shape=(self.n_worlds, 1), **flag)
+        self.done_spec = done
+
+    # --- helpers ----------------------------------------------------------------------------------------------------
+
+    def _alike(self, chosen: np.ndarray, index: np.ndarray) -> Any:
+        """(seed, index, the seed's worlds, the chosen worlds of that seed and index)."""
+        for seed, block in zip(self.seeds, np.split(np.arange(self.n_worlds), len(self.seeds)), strict=True):
+            mine = block[chosen[block]]
+            for value in np.unique(index[mine]):
+                yield seed, int(value), block, mine[index[mine] == value]
+
+    def _noise_now(self) -> Tensor | None:
+        """This decision's noise (worlds, cells, 3)."""
+        if not self.world.has_noise:
+            return None
+        index = self._tensor(self.decision % NOISE_BLOCK).reshape(-1, 1, 1, 1).expand(-1, self.n_swimmers, 1, 3)
+        return self._noise.gather(2, index)[:, :, 0]
+
+    def _refill_noise(self, chosen: np.ndarray) -> None:
+        """Draw the block of noise that the chosen worlds are in."""
+        blocks = self.decision // NOISE_BLOCK
+        noise = np.zeros((self.n_worlds, self.n_swimmers, NOISE_BLOCK, 3))
+        stride = int(blocks.max()) + 1
+        for seed, key, block, members in self._alike(chosen, self.episode * stride + blocks):
+            drawn = draw_noise(
+                seed,
+                len(block) * self.n_swimmers,
+                NOISE_BLOCK,
+                population=self.population,
+                episode=key // stride,
+                block=key % stride,
+            )
+            noise[members] = drawn.reshape(len(block), self.n_swimmers, NOISE_BLOCK, 3)[members - block[0]]
+        fresh = self._float(noise)
+        old = getattr(self, "_noise", None)
+        self._noise = fresh if old is None or chosen.all() else _where(self._tensor(chosen), fresh, old)
+
+    def _float(self, values: np.ndarray) -> Tensor:
+        return torch.as_tensor(values, dtype=self.float_dtype, device=self._place)
+
+    def _tensor(self, values: np.ndarray) -> Tensor:
+        return torch.as_tensor(values, device=self._place)
+
+
+def _where(mask: Tensor, new: Tensor, old: Tensor) -> Tensor:
+    return torch.where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)
