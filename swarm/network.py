@@ -1,7 +1,7 @@
 """A trained policy: a small fully connected network that runs in NumPy, and its file.
 
-A policy file is in safetensors: arrays and one card in JSON, nothing that could run. What it says is checked against
-fixed limits before anything of its size is allocated, so anyone's file is safe to open.
+A policy file is in safetensors: arrays and one card in JSON, nothing that could run. What it says is checked
+against fixed limits before anything of its size is allocated, so anyone's file is safe to open.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ class PolicyError(ValueError):
 class Network:
     """Q-values of every action by a fully connected network: tanh between layers, linear output.
 
-    The card says what it was made for: `n_records` (N_T) and `features` (numbers per record: 2, or 5 with the flow
-    sensed) are needed, anything else that JSON can hold may follow. Raises PolicyError unless layers and card agree.
+    The card says what it was made for: `n_records` (N_T) and `features` (numbers per record: 2, or 5 with the
+    flow sensed) are needed, anything else that JSON can hold may follow. Raises PolicyError unless layers and
+    card agree.
     """
 
     def __init__(self, weights: Sequence[Any], biases: Sequence[Any], card: dict[str, Any]) -> None:
@@ -58,12 +59,13 @@ class Network:
         size = self.n_records * self.features
         if size != self.n_inputs:
             raise PolicyError(
-                f"card must describe the network: n_records × features is {self.n_records} × {self.features} = {size}, "
-                f"got {self.n_inputs} inputs"
+                f"card must describe the network: n_records × features is "
+                f"{self.n_records} × {self.features} = {size}, got {self.n_inputs} inputs"
             )
         if self.card["n_actions"] != self.n_actions:
             raise PolicyError(
-                f"card must describe the network: n_actions is {self.card['n_actions']}, got {self.n_actions} outputs"
+                f"card must describe the network: n_actions is {self.card['n_actions']}, "
+                f"got {self.n_actions} outputs"
             )
 
     def __repr__(self) -> str:
@@ -97,8 +99,8 @@ class Network:
     def values(self, observation: Array) -> np.ndarray:
         """Q-values (..., m) float32 of observations (..., inputs).
 
-        Rows are computed in blocks of a fixed size, the last one padded, so that a cell's values are the same to the
-        last bit whatever the number of cells.
+        Rows are computed in blocks of a fixed size, the last one padded, so that a cell's values are the same
+        to the last bit whatever the number of cells.
         """
         inputs = np.asarray(observation, np.float32)
         if inputs.shape[-1:] != (self.n_inputs,):
@@ -121,7 +123,7 @@ class Network:
         return np.argmax(self.values(observation), axis=-1)
 
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
-        """Best actions (..., cells). Where the world senses the flow and the network does not, it is left out.
+        """Best actions (..., cells). A flow that the world senses and the network does not is left out.
 
         Raises PolicyError where the network does not fit the world.
         """
@@ -148,13 +150,13 @@ class Network:
         )
         raise PolicyError(
             f"policy must fit what the world's cells observe: the policy takes {self.n_inputs} numbers "
-            f"(n_records = {self.n_records}, {self.features} in each), the world gives {world.observation_size} "
-            f"(n_records = {world.n_records}, {world.features} in each){hint}"
+            f"(n_records = {self.n_records}, {self.features} in each), the world gives "
+            f"{world.observation_size} (n_records = {world.n_records}, {world.features} in each){hint}"
         )
 
 
 def save_policy(network: Network, path: str | os.PathLike) -> None:
-    """Writes the network and its card to a safetensors file, whole or not at all; the same network, the same bytes."""
+    """Writes the network and its card as safetensors, whole or not at all; always in the same bytes."""
     from safetensors.numpy import save
 
     tensors = {}
@@ -230,7 +232,7 @@ def _read(path: Path) -> bytes:
 
 
 def _check_header(data: bytes) -> tuple[dict[str, tuple[int, ...]], dict[str, Any]]:
-    """Shapes of the tensors and the card; raises PolicyError before anything is allocated by what the file says."""
+    """Shapes of the tensors and the card; raises PolicyError before anything of their size is allocated."""
     if data[:1] == b"\x80" or data[:2] == b"PK" or data[:4] in (b"cos\n", b"cpos"):
         raise PolicyError(
             "it looks like a pickle, which could run anything; a policy must be a safetensors file"
@@ -267,16 +269,17 @@ def _check_tensors(header: dict[str, Any]) -> dict[str, tuple[int, ...]]:
     shapes = {}
     for name in names:
         entry = header[name]
-        dtype, shape = (entry.get("dtype"), entry.get("shape")) if isinstance(entry, dict) else (None, None)
+        entry = entry if isinstance(entry, dict) else {}
+        dtype, shape = entry.get("dtype"), entry.get("shape")
         if dtype != "F32":
             raise PolicyError(f"{name} must be of dtype F32, got {str(dtype)[:60]!r}")
         axes = 2 if name.endswith("weight") else 1
-        whole = isinstance(shape, list) and len(shape) == axes and all(type(side) is int for side in shape)
-        if not whole or not all(1 <= side <= MAX_WIDTH for side in shape):
+        sides = shape if isinstance(shape, list) else []
+        if len(sides) != axes or not all(type(side) is int and 1 <= side <= MAX_WIDTH for side in sides):
             raise PolicyError(
                 f"{name} must have {axes} axes of 1 to {MAX_WIDTH}, got the shape {str(shape)[:60]}"
             )
-        shapes[name] = tuple(shape)
+        shapes[name] = tuple(sides)
     return shapes
 
 

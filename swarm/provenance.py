@@ -22,7 +22,7 @@ def versions(*packages: str) -> dict[str, str]:
 
 
 def commit() -> str | None:
-    """The commit this source tree is at, with "-dirty" after it where files differ; None for an installed copy."""
+    """The commit of this source tree, followed by "-dirty" where files differ; None for an installed copy."""
     root = Path(__file__).resolve().parent.parent
     if not (root / ".git").exists():
         return None

@@ -57,8 +57,8 @@ class Swinging:
     """Lowest and highest curvature by turns, switching every N_T ΔT / 2 (paper: swinging pattern).
 
     Decision j takes the lowest where ⌊2j/N_T⌋ is even. How many decisions a cell has made is read off its
-    clock, on which swinging keeps a timetable of N_T decisions; so the policy needs no memory, and where it takes
-    over from another it falls into step with the timetable.
+    clock, on which swinging keeps a timetable of N_T decisions; so the policy needs no memory, and where it
+    takes over from another it falls into step with the timetable.
     """
 
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
