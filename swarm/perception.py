@@ -9,25 +9,22 @@ from __future__ import annotations
 
 from typing import Any
 
-from array_api_compat import array_namespace
+from swarm.arrays import join, namespace
 
 Array = Any
 
 
-def record(concentration: Array, curvature: Array, flow: Array | None, scale: float) -> Array:
-    """One record (..., features) from c (...) and the normalised κ* (...); `flow` (..., 3) is normalised too.
+def record(concentration: Array, curvature: Array, flow: tuple[Array, ...], scale: float) -> Array:
+    """One record (..., features) from c and the normalised κ*, u_x*, u_y*, ω₀*, all (...); `flow` may be empty.
 
     `scale` is κ̄/c_k.
     """
-    xp = array_namespace(concentration)
-    parts = xp.stack([concentration * scale, curvature], axis=-1)
-    return parts if flow is None else xp.concat([parts, flow], axis=-1)
+    return join(concentration * scale, curvature, *flow)
 
 
 def remember(memory: Array, newest: Array) -> Array:
     """Memory shifted by one record: `newest` (..., features) first, the oldest dropped."""
-    xp = array_namespace(memory)
-    return xp.concat([newest[..., None, :], memory[..., :-1, :]], axis=-2)
+    return namespace(memory).concat([newest[..., None, :], memory[..., :-1, :]], axis=-2)
 
 
 def observe(memory: Array) -> Array:
@@ -35,9 +32,13 @@ def observe(memory: Array) -> Array:
 
     c*, κ* (u_x*, u_y*, ω₀*) of the newest record, then of the next older, … (paper: normalisation of the input vector).
     """
-    xp = array_namespace(memory)
+    xp = namespace(memory)
     concentrations = memory[..., 0]
-    mean = xp.sum(concentrations, axis=-1, keepdims=True) / memory.shape[-2]
-    centred = (concentrations - mean)[..., None]
-    seen = xp.concat([centred, memory[..., 1:]], axis=-1)
-    return xp.astype(xp.reshape(seen, (*memory.shape[:-2], memory.shape[-2] * memory.shape[-1])), xp.float32, copy=False)
+    n_records, features = memory.shape[-2:]
+    total = concentrations[..., 0]
+    for i in range(1, n_records):  # much quicker than a sum over a short axis
+        total = total + concentrations[..., i]
+    centred = concentrations - (total / n_records)[..., None]
+    seen = xp.concat([centred[..., None], memory[..., 1:]], axis=-1)
+    flat = xp.reshape(seen, (*memory.shape[:-2], n_records * features))
+    return xp.astype(flat, xp.float32, copy=False)

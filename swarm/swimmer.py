@@ -1,8 +1,9 @@
 """Kinematics of one decision interval: the exact arc in still water, and the deviation from it in a flow.
 
-A cell moves as ṙ = v t + u(r), θ̇ = v κ + ω₀(r) with constant curvature κ and speed v (paper: equations of motion). An arc is
-written in the cell's own frame as a *motion* (..., 4): how far forward, how far to the left, cosine and sine of the turn.
-Motions depend on the action alone, so they are tabulated; laying one down at a pose takes no transcendental function.
+A cell moves as ṙ = v t + u(r), θ̇ = v κ + ω₀(r) with constant curvature κ and speed v (paper: equations of
+motion). An arc is written in the cell's own frame as a *motion* (..., 4): how far forward, how far to the
+left, cosine and sine of the turn. Motions depend on the action alone, so they are tabulated; laying one down
+at a pose takes no transcendental function.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from array_api_compat import array_namespace
 
+from swarm.arrays import as_array, join, namespace
 from swarm.flows import Flow, StillWater
 
 Array = Any
@@ -32,12 +33,21 @@ class Pose(NamedTuple):
     heading: Array  # (..., cells, 2) unit vector (cos θ, sin θ), θ counter-clockwise from +x
 
 
-def arc(curvature: Array, speed: Array, duration: Array) -> Array:
-    """Motion (..., 4) along an arc: forward, left [length], cosine and sine of the turn; exact for any curvature.
+class Motion(NamedTuple):
+    """An arc in the frame of the cell that swims it."""
+
+    forward: Array  # (...) [length]
+    leftward: Array  # (...) [length]
+    cosine: Array  # (...) of the turn
+    sine: Array  # (...)
+
+
+def arc(curvature: Array, speed: Array, duration: Array) -> Motion:
+    """Motion (...) along an arc; exact for any curvature.
 
     Shapes broadcast; a negative duration runs the path backwards.
     """
-    xp = array_namespace(curvature, speed, duration)
+    xp = namespace(curvature)
     length = speed * duration
     half = 0.5 * (curvature * length)  # half of the turn [rad]
     sine, cosine = xp.sin(half), xp.cos(half)
@@ -45,39 +55,52 @@ def arc(curvature: Array, speed: Array, duration: Array) -> Array:
     chord = length * xp.where(
         straight, xp.ones_like(half), sine / xp.where(straight, xp.ones_like(half), half)
     )
-    return xp.stack([chord * cosine, chord * sine, 1 - 2 * sine * sine, 2 * sine * cosine], axis=-1)
+    return Motion(chord * cosine, chord * sine, 1 - 2 * sine * sine, 2 * sine * cosine)
+
+
+# Vectors are worked on by component: array libraries are slow on last axes of two.
+
+
+def components(vector: Array) -> tuple[Array, Array]:
+    """x and y (...) of vectors (..., 2)."""
+    return vector[..., 0], vector[..., 1]
 
 
 def left_of(vector: Array) -> Array:
     """The vector (..., 2) turned by +90°."""
-    xp = array_namespace(vector)
-    return xp.stack([-vector[..., 1], vector[..., 0]], axis=-1)
+    x, y = components(vector)
+    return join(-y, x)
 
 
-def turned(heading: Array, left: Array, cosine: Array, sine: Array) -> Array:
-    """Unit vectors (..., 2) turned by an angle, scaled back to unit length; `left` is `left_of(heading)`."""
-    result = heading * cosine[..., None] + left * sine[..., None]
-    x, y = result[..., 0], result[..., 1]
-    # One Newton step of 1/sqrt: rounding errors of the length do not pile up, in float32 either.
-    return result * (1.5 - 0.5 * (x * x + y * y))[..., None]
+def turned(heading: tuple[Array, Array], cosine: Array, sine: Array) -> tuple[Array, Array]:
+    """Components of unit vectors turned counter-clockwise by an angle."""
+    x, y = heading
+    return x * cosine - y * sine, y * cosine + x * sine
 
 
-def along_arc(pose: Pose, motion: Array) -> Pose:
-    """The pose after a motion (..., cells, 4) in still water."""
-    position, heading = pose
-    left = left_of(heading)
-    return Pose(
-        position + heading * motion[..., 0:1] + left * motion[..., 1:2],
-        turned(heading, left, motion[..., 2], motion[..., 3]),
-    )
+def unit(x: Array, y: Array) -> Array:
+    """Vectors (..., 2) of nearly unit length, scaled to it.
+
+    One Newton step of 1/sqrt: rounding errors of the length do not pile up, in float32 either.
+    """
+    scale = 1.5 - 0.5 * (x * x + y * y)
+    return join(x * scale, y * scale)
+
+
+def along_arc(pose: Pose, motion: Motion) -> Pose:
+    """The pose after a motion (..., cells) in still water."""
+    x, y = components(pose.position)
+    heading = components(pose.heading)
+    ahead, aside = turned(heading, motion.forward, motion.leftward)
+    return Pose(join(x + ahead, y + aside), unit(*turned(heading, motion.cosine, motion.sine)))
 
 
 @dataclass(frozen=True)
 class Collocation:
     """Picard sweeps on the deviation from the exact arc, at all Gauss nodes of a substep at once.
 
-    The deviation (d, φ) of position and heading obeys d' = v [t(θ + φ) − t(θ)] + u, φ' = ω₀ along the arc; both are
-    integrated by the Gauss–Legendre collocation of `nodes` points. Exact without flow.
+    The deviation (d, φ) of position and heading obeys d' = v [t(θ + φ) − t(θ)] + u, φ' = ω₀ along the arc;
+    both are integrated by the Gauss–Legendre collocation of `nodes` points. Exact without flow.
     """
 
     nodes: int
@@ -89,11 +112,12 @@ class Collocation:
     def for_interval(
         cls, flow: Flow, turn: float, length: float, duration: float, spacing: float | None = None
     ) -> Collocation:
-        """The cheapest scheme that keeps `TOLERANCE` over an interval that turns by `turn` [rad] over `length`.
+        """The cheapest scheme that keeps `TOLERANCE` over an interval that turns by `turn` [rad] over
+        `length`.
 
-        Sweeps leave out less and less, nodes cost more with the angle they must follow, and what one of them cannot do
-        is cut into substeps. With a `spacing` [time] the path is given at least that often. Raises ValueError where the
-        flow's scales ask for more than a thousand substeps.
+        Sweeps leave out less and less, nodes cost more with the angle they must follow, and what one of them
+        cannot do is cut into substeps. With a `spacing` [time] the path is given at least that often. Raises
+        ValueError where the flow's scales ask for more than a thousand substeps.
         """
         cheapest = None
         for substeps in SUBSTEPS:
@@ -106,8 +130,8 @@ class Collocation:
                     cheapest = (cost, nodes, sweeps, substeps) if error <= TOLERANCE else cheapest
         if cheapest is None:
             raise ValueError(
-                f"flow must vary slowly enough to be followed in {SUBSTEPS[-1]} substeps per interval of {duration:g}, "
-                f"got speed_scale = {flow.speed_scale:g} and spin_scale = {flow.spin_scale:g}"
+                f"flow must vary slowly enough to be followed in {SUBSTEPS[-1]} substeps per interval of "
+                f"{duration:g}, got speed_scale = {flow.speed_scale:g} and spin_scale = {flow.spin_scale:g}"
             )
         _, nodes, sweeps, substeps = cheapest
         outputs = 0 if spacing is None else math.ceil(duration / substeps / spacing - 1e-9)
@@ -130,23 +154,23 @@ class Collocation:
         vandermonde = self.fractions[:, None] ** powers
         return (self.targets[:, None] ** (powers + 1) / (powers + 1)) @ np.linalg.inv(vandermonde)
 
-    def motions(self, curvature: Array, speed: Array, duration: Array) -> Array:
-        """Motions (targets, ..., 4) along the arc from the start of a substep to each target."""
-        xp = array_namespace(duration)
+    def motions(self, curvature: Array, speed: Array, duration: Array) -> Motion:
+        """Motions (targets, ...) along the arc from the start of a substep to each target."""
+        xp = namespace(duration)
         step = duration / self.substeps
-        return xp.stack([arc(curvature, speed, float(target) * step) for target in self.targets], axis=0)
+        by_target = [arc(curvature, speed, float(target) * step) for target in self.targets]
+        return Motion(*(xp.stack(parts, axis=0) for parts in zip(*by_target, strict=True)))
 
     def swim(
-        self, pose: Pose, motions: Array, speed: Array, duration: Array, weights: Array, flow: Flow
+        self, pose: Pose, motions: Motion, speed: Array, duration: Array, weights: Array, flow: Flow
     ) -> tuple[Pose, Array]:
         """The pose after the interval and the path (substeps · outputs, ..., 2) on the way.
 
         `motions` comes from `self.motions`, `weights` is `self.weights` as an array of the pose's library.
         """
-        xp = array_namespace(pose.position)
-        step = (duration / self.substeps)[..., None]
-        speed = speed[..., None]
-        table = xp.reshape(weights, weights.shape + (1,) * pose.position.ndim)  # (targets, nodes, ..., 1)
+        xp = namespace(pose.position)
+        step = duration / self.substeps
+        table = xp.reshape(weights, (*weights.shape, *(1,) * step.ndim))  # (targets, nodes, ...)
         path = []
         for _ in range(self.substeps):
             pose, places = self._substep(pose, motions, speed, step, table, flow)
@@ -154,41 +178,59 @@ class Collocation:
         return pose, path[0] if self.substeps == 1 else xp.concat(path, axis=0)
 
     def _substep(
-        self, pose: Pose, motions: Array, speed: Array, step: Array, table: Array, flow: Flow
+        self, pose: Pose, motions: Motion, speed: Array, step: Array, table: Array, flow: Flow
     ) -> tuple[Pose, Array]:
-        position, heading = pose
-        xp = array_namespace(position)
+        position_x, position_y = components(pose.position)
+        heading = components(pose.heading)
+        xp = namespace(position_x)
         n = self.nodes
-        left = left_of(heading)
-        on_arc = position + heading * motions[..., 0:1] + left * motions[..., 1:2]  # (targets, ..., 2)
-        tangent = heading * motions[:n, ..., 2:3] + left * motions[:n, ..., 3:4]  # (nodes, ..., 2)
-        normal = left_of(tangent)
-        places = on_arc[:n, ...]
+        ahead, aside = turned(heading, motions.forward, motions.leftward)
+        arc_x, arc_y = position_x + ahead, position_y + aside  # (targets, ...)
+        tangent_x, tangent_y = turned(heading, motions.cosine, motions.sine)
+        x, y = arc_x[:n, ...], arc_y[:n, ...]
         for sweep in range(self.sweeps):
             last = sweep == self.sweeps - 1
-            turn = step * xp.sum(table * flow.spin(places)[None, ..., None], axis=1)  # φ (targets, ..., 1)
-            at_nodes = turn[:n, ...]
-            rate = speed * ((xp.cos(at_nodes) - 1) * tangent + xp.sin(at_nodes) * normal) + flow.velocity(
-                places
-            )
-            shift = step * xp.sum(
-                (table if last else table[:n, ...]) * rate[None, ...], axis=1
-            )  # d (targets, ..., 2)
-            places = (on_arc if last else on_arc[:n, ...]) + shift
-        end = turned(heading, left, motions[-1, ..., 2], motions[-1, ..., 3])
-        turn = turn[-1, ..., 0]
-        return Pose(places[-1, ...], turned(end, left_of(end), xp.cos(turn), xp.sin(turn))), places[n:-1, ...]
+            weights = table if last else table[:n, ...]
+            flow_x, flow_y, spin = velocity_and_spin(flow, x, y)
+            turn = step * _integral(weights, spin)  # φ (targets, ...)
+            sine, cosine = xp.sin(turn), xp.cos(turn)
+            node_sine, fall = sine[:n, ...], cosine[:n, ...] - 1
+            rate_x = speed * (fall * tangent_x[:n, ...] - node_sine * tangent_y[:n, ...]) + flow_x
+            rate_y = speed * (fall * tangent_y[:n, ...] + node_sine * tangent_x[:n, ...]) + flow_y
+            x = (arc_x if last else arc_x[:n, ...]) + step * _integral(weights, rate_x)
+            y = (arc_y if last else arc_y[:n, ...]) + step * _integral(weights, rate_y)
+        end = turned((tangent_x[-1, ...], tangent_y[-1, ...]), cosine[-1, ...], sine[-1, ...])
+        return Pose(join(x[-1, ...], y[-1, ...]), unit(*end)), join(x[n:-1, ...], y[n:-1, ...])
+
+
+def _integral(weights: Array, rate: Array) -> Array:
+    """Σ weights (targets, nodes, ...) · rate (nodes, ...), in an order that does not depend on the number of cells."""
+    total = weights[:, 0, ...] * rate[0, ...]
+    for node in range(1, rate.shape[0]):
+        total = total + weights[:, node, ...] * rate[node, ...]
+    return total
+
+
+def velocity_and_spin(flow: Flow, x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """u_x, u_y and ω₀ (...) at the places (x, y); at one go where the flow knows how."""
+    both = getattr(flow, "velocity_and_spin", None)
+    if both is not None:
+        return both(x, y)
+    position = join(x, y)
+    return (*components(flow.velocity(position)), flow.spin(position))
 
 
 def error_estimate(
     flow: Flow, turn: float, length: float, duration: float, nodes: int, sweeps: int, substeps: int
 ) -> float:
-    """About the largest error of the pose [length, rad] that a scheme leaves after an interval, from the flow's scales.
+    """About the largest error of the pose [length, rad] that a scheme leaves after an interval, from the
+    flow's scales.
 
     Calibrated against DOP853 on Taylor–Green flows of wavenumbers 0.01 to 100 and speeds 1e-8 to 3.
     """
-    fastest = max(flow.speed_scale, getattr(flow, "max_speed", None) or 0.0)
-    spin = max(flow.spin_scale, getattr(flow, "max_spin", None) or 0.0)
+    fastest, spin = getattr(flow, "max_speed", None), getattr(flow, "max_spin", None)
+    fastest = flow.speed_scale if fastest is None else fastest
+    spin = flow.spin_scale if spin is None else spin
     wavenumber = spin / fastest if fastest > 0 else 0.0  # a flow changes over a length of about speed/spin
     step, speed = duration / substeps, length / duration
     shift = (fastest + 0.5 * speed * spin * step) * step  # the deviation from the arc
@@ -209,7 +251,7 @@ def swim(pose: Pose, curvature: Array, speed: Array, duration: Array, flow: Flow
     """
     if flow is None or isinstance(flow, StillWater):
         return along_arc(pose, arc(curvature, speed, duration))
-    xp = array_namespace(pose.position)
+    xp = namespace(pose.position)
     length = float(xp.max(xp.abs(speed * duration)))
     scheme = Collocation.for_interval(
         flow, float(xp.max(xp.abs(curvature * speed * duration))), length, float(xp.max(xp.abs(duration)))
@@ -220,40 +262,37 @@ def swim(pose: Pose, curvature: Array, speed: Array, duration: Array, flow: Flow
     return scheme.swim(pose, motions, speed, duration, weights, flow)[0]
 
 
-def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:
-    """`values` in the array library, on the device and (floats) with the dtype of `like`."""
-    xp = array_namespace(like)
-    chosen = dtype if dtype is not None else like.dtype
-    try:
-        return xp.asarray(values, dtype=chosen, device=like.device)
-    except TypeError:  # a tracer has no device
-        return xp.asarray(values, dtype=chosen)
-
-
 def centre_of_curvature(pose: Pose, curvature: Array) -> Array:
     """Centre (..., 2) of the circle a cell swims on: r + n/κ."""
     return pose.position + left_of(pose.heading) / curvature[..., None]
 
 
-def closest_approach(pose: Pose, curvature: Array, turn: Array, point: tuple[float, float]) -> Array:
-    """Smallest distance (...) of the arc from `point`, in closed form; `turn` = κ v duration >= 0 and κ > 0."""
-    xp = array_namespace(pose.position)
-    centre = centre_of_curvature(pose, curvature) - as_array(
-        np.asarray(point), pose.position
-    )  # seen from the point
-    outward = left_of(pose.heading) * (-1.0)  # from the centre to the cell, unit length
-    distance = (centre[..., 0] ** 2 + centre[..., 1] ** 2) ** 0.5
-    radius = 1 / curvature
-    # angle from the cell's place on the circle to the place nearest to the point, counter-clockwise
-    towards = -1.0 * centre
-    cross = outward[..., 0] * towards[..., 1] - outward[..., 1] * towards[..., 0]
-    dot = outward[..., 0] * towards[..., 0] + outward[..., 1] * towards[..., 1]
-    angle = xp.atan2(cross, dot)
+def closest_approach(pose: Pose, curvature: Array, length: Array, point: tuple[float, float]) -> Array:
+    """Smallest distance (...) of an arc from `point`, in closed form, for any curvature and `length` >= 0."""
+    xp = namespace(pose.position)
+    start = pose.position - as_array(np.asarray(point), pose.position)  # seen from the point
+    turn = xp.abs(curvature * length)
+    # Where the arc is too straight for its centre to be told apart from infinity, it is a line to rounding.
+    straight = turn < (8 * float(xp.finfo(turn.dtype).eps)) ** 0.5
+    forward = -(start[..., 0] * pose.heading[..., 0] + start[..., 1] * pose.heading[..., 1])
+    reach = xp.where(forward < 0, xp.zeros_like(forward), xp.where(forward > length, length, forward))
+    to_line = length_of(start + reach[..., None] * pose.heading)
+    curvature = xp.where(straight, xp.ones_like(curvature), curvature)
+    side, radius = xp.sign(curvature), 1 / xp.abs(curvature)
+    outward = -left_of(pose.heading) * side[..., None]  # from the centre to the cell, unit length
+    centre = start - outward * radius[..., None]
+    # angle from the cell's place on the circle to the place nearest to the point, in the sense of swimming
+    cross = side * (outward[..., 1] * centre[..., 0] - outward[..., 0] * centre[..., 1])
+    dot = outward[..., 0] * centre[..., 0] + outward[..., 1] * centre[..., 1]
+    angle = xp.atan2(cross, -dot)
     angle = xp.where(angle < 0, angle + 2 * math.pi, angle)
-    start = centre + outward * radius[..., None]
-    cosine, sine = xp.cos(turn), xp.sin(turn)
-    end = centre + (outward * cosine[..., None] + left_of(outward) * sine[..., None]) * radius[..., None]
-    at_ends = xp.minimum(
-        (start[..., 0] ** 2 + start[..., 1] ** 2) ** 0.5, (end[..., 0] ** 2 + end[..., 1] ** 2) ** 0.5
-    )
-    return xp.where(angle <= turn, xp.abs(distance - radius), at_ends)
+    cosine, sine = xp.cos(turn)[..., None], xp.sin(turn)[..., None]
+    end = centre + (outward * cosine + pose.heading * sine) * radius[..., None]
+    at_ends = xp.minimum(length_of(start), length_of(end))
+    to_arc = xp.where(angle <= turn, xp.abs(length_of(centre) - radius), at_ends)
+    return xp.where(straight, to_line, to_arc)
+
+
+def length_of(vector: Array) -> Array:
+    """Length (...) of vectors (..., 2)."""
+    return (vector[..., 0] ** 2 + vector[..., 1] ** 2) ** 0.5

@@ -1,7 +1,7 @@
 """The world: its parameters, the state of its cells, and one decision of every cell.
 
-All functions are pure and written against the Python array API, so NumPy, torch and jax arrays of any leading axes
-(..., cells) work alike. Randomness comes in as arrays.
+All functions are pure and written against the Python array API, so NumPy, torch and jax arrays of any leading
+axes (..., cells) work alike. Randomness comes in as arrays.
 """
 
 from __future__ import annotations
@@ -13,21 +13,44 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from swarm import perception, swimmer
-from swarm.checks import check_count, check_flag, check_methods, check_name, check_number
-from swarm.fields import Field, LinearField, RadialField
-from swarm.flows import Flow, StillWater, TaylorGreen
-from swarm.swimmer import Pose, as_array
+from swarm.arrays import as_array, namespace
+from swarm.checks import (
+    check_box,
+    check_cells,
+    check_count,
+    check_flag,
+    check_function,
+    check_methods,
+    check_name,
+    check_number,
+    check_point,
+)
+from swarm.fields import DiffusingSource, Field, GaussianPlume, LinearField, RadialField
+from swarm.flows import Flow, PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, UniformFlow, Vortex
+from swarm.swimmer import Motion, Pose
 
 Array = Any
 
-FIELDS: dict[str, type] = {"linear": LinearField, "radial": RadialField}
-FLOWS: dict[str, type] = {"still": StillWater, "taylor_green": TaylorGreen}
+FIELDS: dict[str, type] = {
+    "linear": LinearField,
+    "radial": RadialField,
+    "gaussian_plume": GaussianPlume,
+    "diffusing_source": DiffusingSource,
+}
+FLOWS: dict[str, type] = {
+    "still": StillWater,
+    "taylor_green": TaylorGreen,
+    "uniform": UniformFlow,
+    "shear": ShearFlow,
+    "poiseuille": PoiseuilleFlow,
+    "vortex": Vortex,
+}
 INTERVAL_RULES = ("truncated", "exact")
 NOISE_CHANNELS = 3  # sensed concentration, curvature, heading
 DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
+MAX_TICKS = 10_000  # of one decision: the tables have a row for each
 
 
 class State(NamedTuple):
@@ -36,7 +59,7 @@ class State(NamedTuple):
     position: Array  # (..., cells, 2) [length]
     heading: Array  # (..., cells, 2) unit vector
     memory: Array  # (..., cells, N_T, features), newest first, see `perception`
-    clock: Array  # (..., cells) ticks lived; without a common tick (..., cells, actions): decisions with each action
+    clock: Array  # (..., cells) ticks lived; without a common tick (..., cells, actions): decisions by action
     start_concentration: Array  # (..., cells) c(0)
     finished: Array  # (..., cells) bool: arrived, left the domain or out of time
 
@@ -57,16 +80,14 @@ class Outcome(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """What a decision does, by action and time left: row `action · (longest + 2) + min(ticks left, longest + 1)`.
+    """What a decision does, by action and time left, in columns; column `action · (longest + 2) + min(ticks left,
+    longest + 1)`.
 
-    The last rows are whole intervals, the others the clipped last interval of a life.
+    The last columns of an action are whole intervals, the others the clipped last interval of a life.
     """
 
-    motion: Array  # (rows, 4), in a flow (rows, targets, 4): see `swimmer`
-    ticks: Array  # (rows,) how far the clock moves on
-    duration: Array  # (rows,) [time]
-    normal_curvature: Array  # (rows,) κ*
-    speed: Array  # (rows,)
+    rows: Array  # (3 + 4 · targets, columns): κ*, duration [time], speed, then the motions of `swimmer`
+    whole: Array  # (actions,) ticks of a whole interval
     weights: Array  # collocation weights
 
 
@@ -78,12 +99,12 @@ class World:
     """
 
     n_records: int = 4  # N_T, records a cell keeps
-    field: Field = dataclasses.field(default_factory=LinearField)  # or "linear", "radial"
-    flow: Flow = dataclasses.field(default_factory=StillWater)  # or "still", "taylor_green"
+    field: Field = dataclasses.field(default_factory=LinearField)  # or a name of `FIELDS`
+    flow: Flow = dataclasses.field(default_factory=StillWater)  # or a name of `FLOWS`
     sense_flow: bool = False  # records carry the flow's velocity and spin too
     varying_speed: bool = False  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
     life: float = 80.0  # t_life [time], paper table 1
-    start_box: tuple[tuple[float, float], tuple[float, float]] | None = None  # ((x, x), (y, y)); None: see `box`
+    start_box: tuple[tuple[float, float], tuple[float, float]] | None = None  # ((x, x), (y, y)), see `box`
     curvatures: tuple[float, ...] = (3.0, 5.0)  # κ₁ … κ_m, evenly spaced [1 / length], paper table 1
     speed: float = 1.0  # v [length / time], paper table 1
     speeds: tuple[float, float] = (1.1, 0.9)  # v₁, v₂, paper table 1
@@ -114,16 +135,32 @@ class World:
         object.__setattr__(self, "curvatures", _check_curvatures(self.curvatures))
         object.__setattr__(self, "speeds", _check_speeds(self.speeds))
         if self.start_box is not None:
-            object.__setattr__(self, "start_box", _check_box(self.start_box))
+            object.__setattr__(self, "start_box", check_box("start_box", self.start_box))
+        for item in ("field", "flow"):
+            _check_options(item, getattr(self, item))
         if self.sense_flow and not (self.flow.speed_scale > 0 and self.flow.spin_scale > 0):
             raise ValueError(
                 "sense_flow needs a flow with speed_scale and spin_scale above 0 to normalise by, "
                 f"got speed_scale {self.flow.speed_scale:g} and spin_scale {self.flow.spin_scale:g}"
             )
+        rates = tuple(self.mean_curvature * speed for speed in self.action_speeds)
+        if not all(1e-9 < rate < 1e9 for rate in rates):
+            raise ValueError(
+                f"mean curvature × speed must lie between 1e-9 and 1e9 rad per time, got {rates}"
+            )
+        steps = max(self.periods) / (self.n_records * self.time_step)
+        if self.interval_rule == "truncated" and steps > MAX_TICKS:
+            raise ValueError(
+                f"time_step must leave at most {MAX_TICKS} steps per decision, got time_step = "
+                f"{self.time_step:g} with period {max(self.periods):g} and n_records = {self.n_records}"
+            )
+        if self.life / self.tick > 2**30:
+            raise ValueError(f"life must be at most 2^30 ticks of {self.tick:g}, got {self.life:g}")
         if min(self.interval_ticks) < 1:
             raise ValueError(
-                f"n_records must leave at least one time_step per decision: T/(N_T Δt) must reach 1, got n_records = "
-                f"{self.n_records} with period {min(self.periods):g} and time_step = {self.time_step:g}"
+                "n_records must leave at least one time_step per decision: T/(N_T Δt) must reach 1, got "
+                f"n_records = {self.n_records} with period {min(self.periods):g} and "
+                f"time_step = {self.time_step:g}"
             )
 
     def replace(self, **changes: Any) -> World:
@@ -133,7 +170,7 @@ class World:
             check_name("parameter", unknown.pop(), [item.name for item in dataclasses.fields(self)])
         return dataclasses.replace(self, **changes)
 
-    # --- what follows from the parameters ---------------------------------------------------------------------------
+    # --- what follows from the parameters ------------------------------------------------------------------
 
     @property
     def n_actions(self) -> int:
@@ -142,10 +179,16 @@ class World:
 
     @property
     def box(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Where starts are drawn: `start_box`, else one period of the flow, else [0, 10]²."""
+        """Where starts are drawn: `start_box`, else the flow's `box` or one period of it, else the field's,
+        else [0, 10]²."""
         if self.start_box is not None:
             return self.start_box
         period = getattr(self.flow, "period", None)
+        box = getattr(self.flow, "box", None)
+        if box is None and period is None:
+            box = getattr(self.field, "box", None)
+        if box is not None:
+            return box
         return DEFAULT_BOX if period is None else ((0.0, float(period)), (0.0, float(period)))
 
     @property
@@ -237,19 +280,21 @@ class World:
         radius = getattr(self.field, "egg_radius", None)
         if radius is None:
             return None
-        x, y = getattr(self.field, "egg_position", (0.0, 0.0))
-        return (float(x), float(y)), float(radius)
+        return check_point("egg_position", getattr(self.field, "egg_position", (0.0, 0.0))), float(radius)
 
     @cached_property
     def domains(self) -> tuple[Any, ...]:
         """The field's and the flow's `inside`, where they have one."""
-        return tuple(part.inside for part in (self.field, self.flow) if hasattr(part, "inside"))
+        parts = (getattr(part, "inside", None) for part in (self.field, self.flow))
+        return tuple(inside for inside in parts if inside is not None)
 
     @cached_property
     def scheme(self) -> swimmer.Collocation:
         """How an interval in the flow is integrated."""
         duration = max(self.intervals)
-        lengths = [speed * interval for speed, interval in zip(self.action_speeds, self.intervals, strict=True)]
+        lengths = [
+            speed * interval for speed, interval in zip(self.action_speeds, self.intervals, strict=True)
+        ]
         turns = [kappa * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
         spacing = self.time_step if self.egg is not None else None
         return swimmer.Collocation.for_interval(self.flow, max(turns), max(lengths), duration, spacing)
@@ -263,12 +308,23 @@ class World:
         if gradient is None or current is None or self.concentration_noise > 0:
             reach = largest
         else:  # a record differs from the mean by less than the path between the first and the last record
-            steps = [(speed + current) * dt for speed, dt in zip(self.action_speeds, self.intervals, strict=True)]
+            steps = [
+                (speed + current) * dt for speed, dt in zip(self.action_speeds, self.intervals, strict=True)
+            ]
             reach = 1.001 * (self.n_records - 1) * max(steps) * gradient * self.record_scale + 1e-3
-        sensed = 1.001 if current is not None else largest
-        return np.tile(np.array([reach, 1.001, sensed, sensed, sensed][: self.features], np.float32), self.n_records)
+        spin = getattr(self.flow, "max_spin", None)
+        scales = (
+            (current, self.flow.speed_scale),
+            (current, self.flow.speed_scale),
+            (spin, self.flow.spin_scale),
+        )
+        sensed = [
+            largest if bound is None or scale == 0 else 1.001 * bound / scale + 1e-6
+            for bound, scale in scales
+        ]
+        return np.tile(np.array([reach, 1.001, *sensed][: self.features], np.float32), self.n_records)
 
-    # --- tables -----------------------------------------------------------------------------------------------------
+    # --- tables --------------------------------------------------------------------------------------------
 
     @cached_property
     def _cached_tables(self) -> dict[Any, Tables]:
@@ -276,21 +332,20 @@ class World:
 
     def tables(self, like: Array) -> Tables:
         """The tables in the array library, dtype and device of `like`."""
-        xp = array_namespace(like)
+        xp = namespace(like)
         cacheable = xp.__name__.endswith(("numpy", "torch"))  # a tracer must not outlive its trace
         key = (xp.__name__, like.dtype, str(like.device)) if cacheable else None
         tables = self._cached_tables.get(key)
         if tables is None:
-            rows = self._rows()
-            scheme = as_array(self.scheme.weights, like) if self.in_flow else None
-            tables = Tables(*(as_array(part, like) for part in rows), scheme)
-            tables = tables._replace(ticks=as_array(rows[1], like, dtype=xp.int32))
+            weights = as_array(self.scheme.weights, like) if self.in_flow else None
+            whole = as_array(np.asarray(self.interval_ticks), like, dtype=xp.int32)
+            tables = Tables(as_array(self._rows(), like), whole, weights)
             if cacheable:
                 self._cached_tables[key] = tables
         return tables
 
-    def _rows(self) -> tuple[np.ndarray, ...]:
-        """Motion, ticks, duration, κ*, speed of every row, in float64."""
+    def _rows(self) -> np.ndarray:
+        """`Tables.rows` in float64."""
         longest = max(self.interval_ticks)
         left = np.tile(np.arange(longest + 2), self.n_actions)
         action = np.repeat(np.arange(self.n_actions), longest + 2)
@@ -300,28 +355,31 @@ class World:
         duration = np.where(left > whole, np.asarray(self.intervals)[action], clipped)
         curvature, speed = np.asarray(self.curvatures)[action], np.asarray(self.action_speeds)[action]
         motion = self._motion(curvature, speed, duration)
-        return motion, np.minimum(left, whole), duration, self.normal_curvature(curvature), speed
+        return np.vstack([self.normal_curvature(curvature), duration, speed, *motion])
 
-    def _motion(self, curvature: Array, speed: Array, duration: Array) -> Array:
-        """Motion (..., 4) of an arc, or in a flow of all the scheme's targets (..., targets, 4)."""
+    def _motion(self, curvature: Array, speed: Array, duration: Array) -> Motion:
+        """Motion (...) of an arc, or in a flow of all the scheme's targets (targets, ...)."""
         if not self.in_flow:
             return swimmer.arc(curvature, speed, duration)
-        xp = array_namespace(duration)
-        return xp.moveaxis(self.scheme.motions(curvature, speed, duration), 0, -2)
+        return self.scheme.motions(curvature, speed, duration)
 
     def normal_curvature(self, curvature: Array) -> Array:
         """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""
         return (curvature - self.mean_curvature) * (2 / (self.curvatures[-1] - self.curvatures[0]))
 
-    # --- start and step ---------------------------------------------------------------------------------------------
+    # --- start and step ------------------------------------------------------------------------------------
 
     def start(self, position: Array, heading: Array, past: Array) -> State:
         """The state at t = 0 with a memory full of true records.
 
-        `position` (..., cells, 2), `heading` (..., cells) [rad], `past` (..., cells, N_T) actions, newest first: the cell
-        swam the newest N_T − 1 of them to its pose, the oldest is only recorded.
+        `position` (..., cells, 2), `heading` (..., cells) [rad], `past` (..., cells, N_T) actions, newest
+        first: the cell swam the newest N_T − 1 of them to its pose, the oldest is only recorded. Raises
+        ValueError on wrong shapes and, where values are known (not inside a jax trace), on a start that is
+        not finite, lies outside the field's or the flow's domain, has no finite concentration or whose past
+        holds unknown actions; the cell is named.
         """
-        xp = array_namespace(position)
+        xp = namespace(position)
+        self._check_start(position, heading, past)
         heading = xp.stack([xp.cos(heading), xp.sin(heading)], axis=-1)
         dtype = position.dtype
         by_action = [
@@ -334,8 +392,9 @@ class World:
             curvature, speed, interval = (_by_row(values, past[..., i]) for values in by_action)
             records.append(self._record(pose.position, self.normal_curvature(curvature)))
             if i < self.n_records - 1:
-                pose = swimmer.swim(pose, curvature, speed, -interval, self.flow)
+                pose = self._swim_back(pose, curvature, speed, interval)
         concentration = self.field.concentration(position)
+        check_cells("position", "have a finite concentration", position, xp.isfinite(concentration))
         counters = () if self.has_common_tick else (self.n_actions,)
         return State(
             position=position,
@@ -346,27 +405,64 @@ class World:
             finished=as_array(np.zeros(position.shape[:-1]), position, dtype=xp.bool),
         )
 
+    def _swim_back(self, pose: Pose, curvature: Array, speed: Array, interval: Array) -> Pose:
+        """The pose one interval before, by the scheme of the world: it must not depend on which cells there
+        are."""
+        motion = self._motion(curvature, speed, -interval)
+        if not self.in_flow:
+            return swimmer.along_arc(pose, motion)
+        weights = as_array(self.scheme.weights, interval)
+        return self.scheme.swim(pose, motion, speed, -interval, weights, self.flow)[0]
+
+    def _check_start(self, position: Array, heading: Array, past: Array) -> None:
+        xp = namespace(position)
+        cells = tuple(position.shape[:-1])
+        if not cells or position.shape[-1] != 2 or not xp.isdtype(position.dtype, "real floating"):
+            raise ValueError(
+                "position must be floating numbers (..., cells, 2), got "
+                f"{position.dtype} {tuple(position.shape)}"
+            )
+        if tuple(heading.shape) != cells:
+            raise ValueError(
+                f"heading must be {cells} like the cells of position, got {tuple(heading.shape)}"
+            )
+        if tuple(past.shape) != (*cells, self.n_records) or not xp.isdtype(past.dtype, "integral"):
+            raise ValueError(
+                f"past must be whole numbers {(*cells, self.n_records)}, got {past.dtype} {tuple(past.shape)}"
+            )
+        check_cells("position", "be finite", position, xp.all(xp.isfinite(position), axis=-1))
+        check_cells("heading", "be finite", heading, xp.isfinite(heading))
+        known = xp.all((past >= 0) & (past < self.n_actions), axis=-1)
+        check_cells("past", f"hold actions from 0 to {self.n_actions - 1}", past, known)
+        for inside in self.domains:
+            check_cells(
+                "position", "lie inside the domain of the field and the flow", position, inside(position)
+            )
+
     def step(self, state: State, action: Array, noise: Array | None = None) -> tuple[State, Outcome]:
         """One decision of every cell, whatever its length; a finished cell stays where it is.
 
-        `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed when a
-        perturbation is on. Pure: `state` is left as it was.
+        `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed
+        when a perturbation is on. Pure: `state` is left as it was.
         """
-        position, heading, memory, clock, start_concentration, was_finished = state
-        xp = array_namespace(position)
-        if self.has_noise and noise is None:
-            raise ValueError("noise must be given to step: the world has perturbations, got None")
+        position, _, memory, clock, start_concentration, was_finished = state
+        xp = namespace(position)
+        needed = (*was_finished.shape, NOISE_CHANNELS)
+        if self.has_noise and (noise is None or noise.shape != needed):
+            raise ValueError(
+                f"noise must be standard normal numbers {needed}, because the world has perturbations, "
+                f"got {None if noise is None else tuple(noise.shape)}"
+            )
         clock, motion, duration, speed, normal_curvature = self._interval(state, action, noise)
         if self.in_flow:
             weights = self.tables(position).weights
-            pose, path = self.scheme.swim(state.pose, xp.moveaxis(motion, -2, 0), speed, duration, weights, self.flow)
+            pose, path = self.scheme.swim(state.pose, motion, speed, duration, weights, self.flow)
         else:
             pose, path = swimmer.along_arc(state.pose, motion), None
         if self.rotational_diffusion > 0:
             kick = noise[..., 2] * (2 * self.rotational_diffusion * duration) ** 0.5
-            pose = Pose(
-                pose.position, swimmer.turned(pose.heading, swimmer.left_of(pose.heading), xp.cos(kick), xp.sin(kick))
-            )
+            heading = swimmer.turned(swimmer.components(pose.heading), xp.cos(kick), xp.sin(kick))
+            pose = Pose(pose.position, swimmer.unit(*heading))
         concentration = self.field.concentration(pose.position)
         sensed = concentration
         if self.concentration_noise > 0:
@@ -392,29 +488,33 @@ class World:
 
     def _interval(self, state: State, action: Array, noise: Array | None) -> tuple[Array, ...]:
         """Clock after it, motion, duration, speed and κ* of each cell's next interval."""
-        tables = self.tables(state.position)
-        xp = array_namespace(state.position)
-        action = xp.astype(action, xp.int32, copy=False)
         if not self.has_common_tick:
             return self._counted_interval(state, action, noise)
-        rows = max(self.interval_ticks) + 2
+        tables = self.tables(state.position)
+        xp = namespace(state.position)
+        action = xp.astype(action, xp.int32, copy=False)
+        longest, shortest = max(self.interval_ticks), min(self.interval_ticks)
         left = self.life_ticks - state.clock
         if self.egg is not None or self.domains:
             left = xp.where(state.finished, xp.zeros_like(left), left)
-        row = action * rows + xp.minimum(left, rows - 1)
-        clock = state.clock + _by_row(tables.ticks, row)
-        normal_curvature = _by_row(tables.normal_curvature, row)
-        if self.curvature_noise == 0 and not self.in_flow and self.rotational_diffusion == 0 and self.egg is None:
-            return clock, _by_row(tables.motion, row), None, None, normal_curvature
-        duration, speed = _by_row(tables.duration, row), _by_row(tables.speed, row)
+        whole = longest if longest == shortest else _by_row(tables.whole, action)
+        clock = state.clock + xp.minimum(left, whole)
+        column = action * (longest + 2) + xp.minimum(left, longest + 1)
+        rows = xp.take(tables.rows, xp.reshape(column, (-1,)), axis=1)
+        rows = xp.reshape(rows, (rows.shape[0], *column.shape))
+        normal_curvature, duration, speed = rows[0, ...], rows[1, ...], rows[2, ...]
         if self.curvature_noise > 0:
             curvature = self._curvature(action, state.position) + self.curvature_noise * noise[..., 1]
-            return clock, self._motion(curvature, speed, duration), duration, speed, normal_curvature
-        return clock, _by_row(tables.motion, row), duration, speed, normal_curvature
+            motion = self._motion(curvature, speed, duration)
+        else:
+            parts = xp.reshape(rows[3:, ...], (4, -1, *column.shape)) if self.in_flow else rows[3:, ...]
+            motion = Motion(*(parts[i, ...] for i in range(4)))
+        return clock, motion, duration, speed, normal_curvature
 
     def _counted_interval(self, state: State, action: Array, noise: Array | None) -> tuple[Array, ...]:
-        """`_interval` where no common tick exists: decisions are counted by action, so rounding never piles up."""
-        xp = array_namespace(state.position)
+        """`_interval` where no common tick exists: decisions are counted by action, so rounding never piles
+        up."""
+        xp = namespace(state.position)
         curvatures, speeds, intervals = (
             as_array(np.asarray(values), state.position)
             for values in (self.curvatures, self.action_speeds, self.intervals)
@@ -435,17 +535,20 @@ class World:
         return self._elapsed(clock, clock) >= self.life * (1 - 1e-6)
 
     def _elapsed(self, clock: Array, like: Array) -> Array:
-        xp = array_namespace(clock)
+        xp = namespace(clock)
         dtype = like.dtype if xp.isdtype(like.dtype, "real floating") else xp.float32
         if self.has_common_tick:
             return xp.astype(clock, dtype) * self.tick
-        return xp.sum(xp.astype(clock, dtype) * as_array(np.asarray(self.intervals), clock, dtype=dtype), axis=-1)
+        return xp.sum(
+            xp.astype(clock, dtype) * as_array(np.asarray(self.intervals), clock, dtype=dtype), axis=-1
+        )
 
     def time(self, state: State) -> Array:
-        """Time lived (..., cells), never above `life` [time]."""
+        """Time lived (..., cells), `life` exactly when it is up [time]."""
         elapsed = self._elapsed(state.clock, state.position)
-        xp = array_namespace(elapsed)
-        return xp.minimum(elapsed, xp.full_like(elapsed, self.life))
+        xp = namespace(elapsed)
+        life = xp.full_like(elapsed, self.life)
+        return xp.where(self._time_is_up(state.clock), life, xp.minimum(elapsed, life))
 
     def observation(self, state: State) -> Array:
         """Observation (..., cells, N_T · features) float32 of a state."""
@@ -453,7 +556,7 @@ class World:
 
     def heading_angle(self, state: State) -> Array:
         """Heading θ (..., cells) in (−π, π] [rad]."""
-        xp = array_namespace(state.heading)
+        xp = namespace(state.heading)
         return xp.atan2(state.heading[..., 1], state.heading[..., 0])
 
     def curvature(self, state: State) -> Array:
@@ -467,36 +570,43 @@ class World:
     def _record(self, position: Array, normal_curvature: Array, concentration: Array | None = None) -> Array:
         if concentration is None:
             concentration = self.field.concentration(position)
-        flow = None
+        flow: tuple[Array, ...] = ()
         if self.sense_flow:
-            xp = array_namespace(position)
-            velocity = self.flow.velocity(position) / self.flow.speed_scale
-            flow = xp.concat([velocity, (self.flow.spin(position) / self.flow.spin_scale)[..., None]], axis=-1)
+            x, y, spin = swimmer.velocity_and_spin(self.flow, *swimmer.components(position))
+            flow = (x / self.flow.speed_scale, y / self.flow.speed_scale, spin / self.flow.spin_scale)
         return perception.record(concentration, normal_curvature, flow, self.record_scale)
 
     def _arrived(
-        self, state: State, pose: Pose, action: Array, noise: Array | None, duration: Array, path: Array | None
+        self,
+        state: State,
+        pose: Pose,
+        action: Array,
+        noise: Array | None,
+        duration: Array,
+        path: Array | None,
     ) -> Array:
         """Whether the path of the interval came within reach of the egg; False for finished cells."""
         assert self.egg is not None
-        xp = array_namespace(pose.position)
+        xp = namespace(pose.position)
         centre, radius = self.egg
         if path is None:
             curvature = self._curvature(action, pose.position)
             if self.curvature_noise > 0:
                 curvature = curvature + self.curvature_noise * noise[..., 1]  # type: ignore[index]
             speed = _by_row(as_array(np.asarray(self.action_speeds), pose.position), action)
-            nearest = swimmer.closest_approach(state.pose, curvature, curvature * speed * duration, centre)
+            nearest = swimmer.closest_approach(state.pose, curvature, speed * duration, centre)
             reached = nearest <= radius
         else:
-            from_egg = xp.concat([path, pose.position[None, ...]], axis=0) - as_array(np.asarray(centre), path)
+            from_egg = xp.concat([path, pose.position[None, ...]], axis=0) - as_array(
+                np.asarray(centre), path
+            )
             reached = xp.any(from_egg[..., 0] ** 2 + from_egg[..., 1] ** 2 <= radius**2, axis=0)
         return reached & ~state.finished
 
 
 def _by_row(table: Array, row: Array) -> Array:
     """`table[row]` for whole-number arrays of any shape."""
-    xp = array_namespace(table)
+    xp = namespace(table)
     taken = xp.take(table, xp.reshape(row, (-1,)), axis=0)
     return xp.reshape(taken, (*row.shape, *table.shape[1:]))
 
@@ -509,7 +619,7 @@ def _check_curvatures(values: Any) -> tuple[float, ...]:
     if len(curvatures) < 2:
         raise ValueError(f"curvatures must be two or more numbers, got {values!r}")
     steps = np.diff(curvatures)
-    if curvatures[0] <= 0 or np.any(steps <= 0):
+    if curvatures[0] <= 0 or np.any(steps <= 1e-9 * curvatures[-1]):
         raise ValueError(f"curvatures must rise and be positive, got {curvatures}")
     if np.ptp(steps) > 1e-9 * steps[0]:
         raise ValueError(f"curvatures must be evenly spaced, got {curvatures}")
@@ -526,12 +636,17 @@ def _check_speeds(values: Any) -> tuple[float, float]:
     return first, last
 
 
-def _check_box(values: Any) -> tuple[tuple[float, float], tuple[float, float]]:
-    rule = f"start_box must be ((x_low, x_high), (y_low, y_high)) with low <= high, got {values!r}"
-    try:
-        (left, right), (bottom, top) = ((check_number("start_box", v) for v in side) for side in values)
-    except (TypeError, ValueError):
-        raise ValueError(rule) from None
-    if left > right or bottom > top:
-        raise ValueError(rule)
-    return (left, right), (bottom, top)
+def _check_options(name: str, part: Any) -> None:
+    """Checks what a field or a flow need not have."""
+    for option in ("max_gradient", "max_speed", "max_spin"):
+        if getattr(part, option, None) is not None:
+            check_number(f"{name}.{option}", getattr(part, option), at_least=0.0)
+    for option in ("period", "egg_radius"):
+        if getattr(part, option, None) is not None:
+            check_number(f"{name}.{option}", getattr(part, option), above=0.0)
+    if getattr(part, "egg_radius", None) is not None:
+        check_point(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
+    if getattr(part, "box", None) is not None:
+        check_box(f"{name}.box", part.box)
+    if getattr(part, "inside", None) is not None:
+        check_function(f"{name}.inside", part.inside)

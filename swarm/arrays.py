@@ -1,0 +1,31 @@
+"""What the world needs of any array library beyond the array API."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import array_api_compat.numpy
+import numpy as np
+from array_api_compat import array_namespace
+
+Array = Any
+
+
+def namespace(array: Array) -> Any:
+    """The functions for `array`'s library; quick for NumPy, where looking them up costs more than most of them."""
+    return array_api_compat.numpy if isinstance(array, np.ndarray) else array_namespace(array)
+
+
+def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:
+    """`values` in the array library, on the device and (floats) with the dtype of `like`."""
+    xp = namespace(like)
+    chosen = dtype if dtype is not None else like.dtype
+    try:
+        return xp.asarray(values, dtype=chosen, device=like.device)
+    except TypeError:  # a tracer has no device
+        return xp.asarray(values, dtype=chosen)
+
+
+def join(*parts: Array) -> Array:
+    """Arrays (...) side by side along a new last axis (..., parts)."""
+    return namespace(parts[0]).concat([part[..., None] for part in parts], axis=-1)
