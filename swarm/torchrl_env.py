@@ -148,6 +148,11 @@ class SwarmEnv(EnvBase):
             ~was_finished,
         )
 
+    def gain(self) -> Tensor:
+        """Gain c(t) − c(0) (worlds, cells) so far [concentration]."""
+        assert self.state is not None, "restart() must come first"
+        return self.world.field.concentration(self.state.position) - self.state.start_concentration
+
     def state_dict_of_env(self) -> dict[str, Tensor]:
         """All that is needed to go on from here: the cells' state and the counters."""
         assert self.state is not None, "restart() must come first"
@@ -173,23 +178,19 @@ class SwarmEnv(EnvBase):
         done = self.state.finished[..., None]
         fresh = torch.ones(self.n_worlds, dtype=torch.bool) if worlds is None else self._tensor(worlds)
         self._terminated = _where(fresh, torch.zeros_like(done), self._terminated if worlds is not None else done)
-        return self._pack(observation, self._gain(), done, self._terminated, done & ~self._terminated)
+        return self._pack(observation, self.gain(), done, self._terminated, done & ~self._terminated)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         result = self.advance(tensordict[GROUP, "action"])
         assert self.state is not None
         done = self.state.finished[..., None]
         self._terminated = self._terminated | result.terminated[..., None]
-        out = self._pack(result.observation, self._gain(), done, self._terminated, done & ~self._terminated)
+        out = self._pack(result.observation, self.gain(), done, self._terminated, done & ~self._terminated)
         out[GROUP]["reward"] = result.reward[..., None].to(torch.float32)
         return out
 
     def _set_seed(self, seed: int | None) -> None:
         self.set_seeds([0 if seed is None else seed])
-
-    def _gain(self) -> Tensor:
-        assert self.state is not None
-        return self.world.field.concentration(self.state.position) - self.state.start_concentration
 
     def _pack(self, observation: Tensor, gain: Tensor, done: Tensor, terminated: Tensor, truncated: Tensor) -> TensorDict:
         everyone = done.all(dim=1)  # (worlds, 1)

@@ -1,48 +1,88 @@
-"""The Q-network: one small multilayer perceptron steers every cell; its parameters carry a leading axis of seeds."""
+"""The Q-network: one small multilayer perceptron steers every cell; its parameters carry a leading axis of seeds.
+
+Values and gradients are written out, because for a network this small autograd's bookkeeping costs more than the
+arithmetic (`benchmarks/training_path.py` measures both); a test holds the gradient equal to autograd's.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
-import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
+
+from swarm.network import Network
 
 
-class QNetwork(nn.Module):
-    """Fully connected tanh layers and a linear output, for several independent seeds at once (paper: Deep Q-Network).
+class QNetwork:
+    """Fully connected tanh layers and a linear output, for independent seeds at once (paper: Deep Q-Network).
 
-    Maps observations (seeds, batch, n_inputs) to values (seeds, batch, n_actions). Seed e of the stack is a network of its
-    own: nothing mixes along the leading axis. Weights start uniform within ±√(6/(fan in + fan out)) (Glorot), biases at 0,
-    drawn from one generator per seed, so a seed starts alike in a stack of any size.
+    Maps observations (seeds, batch, n_inputs) to values (seeds, batch, n_actions); nothing mixes along the leading axis.
+    All parameters of a seed are one row of `flat` (seeds, parameters); `weights` and `biases` are views of it.
     """
 
-    def __init__(
-        self, n_inputs: int, hidden: tuple[int, ...], n_actions: int, generators: list[torch.Generator]
-    ) -> None:
-        super().__init__()
-        sizes = (n_inputs, *hidden, n_actions)
-        self.weights = nn.ParameterList()
-        self.biases = nn.ParameterList()
-        for fan_in, fan_out in zip(sizes[:-1], sizes[1:], strict=True):
-            bound = math.sqrt(6 / (fan_in + fan_out))
-            draws = [torch.rand(fan_in, fan_out, generator=generator) for generator in generators]
-            self.weights.append(nn.Parameter((torch.stack(draws) * 2 - 1) * bound))
-            self.biases.append(nn.Parameter(torch.zeros(len(generators), 1, fan_out)))
+    def __init__(self, flat: Tensor, sizes: Sequence[int]) -> None:
+        self.flat, self.sizes = flat, tuple(sizes)
+        self.weights: list[Tensor] = []  # (seeds, inputs, outputs) of each layer
+        self.biases: list[Tensor] = []  # (seeds, 1, outputs) of each layer
+        at = 0
+        for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:], strict=True):
+            self.weights.append(flat[:, at : at + inputs * outputs].unflatten(1, (inputs, outputs)))
+            at += inputs * outputs
+            self.biases.append(flat[:, None, at : at + outputs])
+            at += outputs
 
-    def forward(self, observation: Tensor) -> Tensor:
-        """Values (seeds, batch, n_actions) of observations (seeds, batch, n_inputs)."""
-        x = observation
-        last = len(self.weights) - 1
-        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = torch.baddbmm(bias, x, weight)
-            if layer < last:
-                x = torch.tanh(x)
-        return x
+    @classmethod
+    def create(
+        cls, sizes: Sequence[int], generators: Sequence[torch.Generator], device: torch.device | str = "cpu"
+    ) -> QNetwork:
+        """A fresh network for each generator, the same in a stack of any size; `sizes` from input to output.
 
-    @torch.no_grad()
-    def arrays(self, seed_index: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Weights (out, in) and biases (out,) of one seed's network, as NumPy arrays."""
-        weights = [weight[seed_index].T.contiguous().cpu().numpy().copy() for weight in self.weights]
-        biases = [bias[seed_index, 0].cpu().numpy().copy() for bias in self.biases]
-        return weights, biases
+        Weights are uniform within ±√(6/(inputs + outputs)) (Glorot and Bengio 2010), biases 0.
+        """
+        rows = []
+        for generator in generators:
+            parts = []
+            for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
+                bound = math.sqrt(6 / (inputs + outputs))
+                parts += [
+                    (2 * torch.rand(inputs * outputs, generator=generator) - 1) * bound,
+                    torch.zeros(outputs),
+                ]
+            rows.append(torch.cat(parts))
+        return cls(torch.stack(rows).to(device), sizes)
+
+    def copy(self) -> QNetwork:
+        """A network with equal parameters of its own."""
+        return QNetwork(self.flat.clone(), self.sizes)
+
+    def layers(self, observation: Tensor) -> list[Tensor]:
+        """Inputs of every layer, then the values."""
+        outputs = [observation]
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            outputs.append(torch.baddbmm(bias, outputs[-1], weight).tanh_())
+        outputs.append(torch.baddbmm(self.biases[-1], outputs[-1], self.weights[-1]))
+        return outputs
+
+    def values(self, observation: Tensor) -> Tensor:
+        """Action values (seeds, batch, n_actions)."""
+        return self.layers(observation)[-1]
+
+    def gradient(self, layers: list[Tensor], slope: Tensor) -> Tensor:
+        """Gradient (seeds, parameters) of a loss whose `slope` (seeds, batch, n_actions) by the values is given."""
+        parts: list[Tensor] = []
+        for layer in range(len(self.weights) - 1, -1, -1):
+            parts = [(layers[layer].mT @ slope).flatten(1), slope.sum(1), *parts]
+            if layer:
+                slope = torch.ops.aten.tanh_backward(slope @ self.weights[layer].mT, layers[layer])
+        return torch.cat(parts, dim=1)
+
+    def exported(self, seed_index: int, card: dict[str, Any]) -> Network:
+        """One seed's network as a policy that runs in NumPy."""
+        return Network(
+            tuple(weight[seed_index].T.contiguous().cpu().numpy() for weight in self.weights),
+            tuple(bias[seed_index, 0].contiguous().cpu().numpy() for bias in self.biases),
+            card,
+        )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass
 from typing import Any
 
 from swarm import streams
@@ -22,9 +23,9 @@ class WorldSettings:
     varying_speed: bool = False
     life: float = 80.0  # t_life in training
     start_box: list[list[float]] | None = None
-    curvatures: list[float] = field(default_factory=lambda: [3.0, 5.0])
+    curvatures: list[float] = dataclasses.field(default_factory=lambda: [3.0, 5.0])
     speed: float = 1.0
-    speeds: list[float] = field(default_factory=lambda: [1.1, 0.9])
+    speeds: list[float] = dataclasses.field(default_factory=lambda: [1.1, 0.9])
     time_step: float = 0.02
     interval_rule: str = "truncated"
     concentration_noise: float = 0.0
@@ -43,7 +44,7 @@ class LearningSettings:
     updates: int = 1  # updates in a round
     batch_size: int = 128
     buffer_size: int = 10_000  # transitions
-    hidden: list[int] = field(default_factory=lambda: [24, 24, 24])  # N_hidden = 3 layers of N_n nodes, paper table 2
+    hidden: list[int] = dataclasses.field(default_factory=lambda: [24, 24, 24])  # N_hidden = 3 layers of N_n nodes, paper table 2
     discount: float = 0.98  # γ, paper table 2
     double: bool = False  # double DQN: the online network chooses the next action, the target network values it
     target_rate: float = 1.0  # part of the way the target network moves to the online one per update; 1: the same network
@@ -88,10 +89,10 @@ class Settings:
     recipe: str = "paper"
     seed: int = 0
     n_seeds: int = 1  # independent seeds trained at once: seed, seed + 1, …
-    world: WorldSettings = field(default_factory=WorldSettings)
-    learning: LearningSettings = field(default_factory=LearningSettings)
-    validation: ValidationSettings = field(default_factory=ValidationSettings)
-    evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
+    world: WorldSettings = dataclasses.field(default_factory=WorldSettings)
+    learning: LearningSettings = dataclasses.field(default_factory=LearningSettings)
+    validation: ValidationSettings = dataclasses.field(default_factory=ValidationSettings)
+    evaluation: EvaluationSettings = dataclasses.field(default_factory=EvaluationSettings)
     evaluate: bool = False  # test the kept policy when training ends
     checkpoint_every: int = 10  # epochs
     device: str = "cpu"
@@ -147,6 +148,8 @@ def check_settings(settings: Settings) -> None:
         check_name("evaluation.field", settings.evaluation.field, FIELDS)
     check_count("checkpoint_every", settings.checkpoint_every)
     check_count("threads", settings.threads)
+    if not re.fullmatch(r"cpu|mps|(cuda|xpu)(:\d+)?", settings.device):
+        raise ValueError(f"device must be cpu, mps, cuda or cuda:N, got {settings.device!r}")
     check_name("compile", settings.compile, ("never", "always", "auto"))
 
 

@@ -1,0 +1,1 @@
+"""Learning: the shared deep Q-network, its recipes, checkpoints and commands."""

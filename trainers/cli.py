@@ -1,0 +1,61 @@
+"""The command `swarm`: train, evaluate, and what else is done from a shell. Heavy imports wait until they are needed."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+app = typer.Typer(
+    name="swarm",
+    help="Learning to steer chemotactic microswimmers in crowds.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def fail(error: BaseException | str) -> NoReturn:
+    """End with a message and exit code 2 where the user can do something about it."""
+    print(f"swarm: {error}", file=sys.stderr)
+    raise typer.Exit(2)
+
+
+@app.command(
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
+    help="""Train a policy: `swarm train experiment=linear_n4 recipe=swarm seed=0 key=value …`
+
+    `hydra.run.dir=DIR` chooses the folder, `resume=DIR` goes on with a run, `-m` sweeps over values with commas
+    (`seed=0,1,2`), `--show` prints the settings and ends.""",
+)
+def train(context: typer.Context) -> None:
+    """Train a policy."""
+    from trainers import launching
+
+    launching.train_from(context.args)
+
+
+@app.command()
+def evaluate(
+    policy: Annotated[
+        str, typer.Argument(help="A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal.")
+    ],
+    experiment: Annotated[str | None, typer.Option(help="World of the test; default: the policy's own.")] = None,
+    cells: Annotated[int | None, typer.Option(help="Test cells.")] = None,
+    life: Annotated[float | None, typer.Option(help="Length of a life, t_life.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the test population.")] = 0,
+    noise: Annotated[float, typer.Option(help="Standard deviation of the sensed concentration.")] = 0.0,
+    out: Annotated[Path | None, typer.Option(help="New folder for results and figures.")] = None,
+) -> None:
+    """Test a policy on fresh cells, next to greedy, swinging and the physical limit."""
+    from trainers import launching
+
+    launching.evaluate_from(policy, experiment, cells, life, seed, noise, out)
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

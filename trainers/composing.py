@@ -1,0 +1,114 @@
+"""Settings from YAML files and `key=value` words, composed by Hydra over the typed defaults and checked."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from hydra import compose, initialize_config_dir
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from trainers.settings import Settings
+
+
+class SettingsError(ValueError):
+    """Settings that break a rule; the message names the key, the rule and the value."""
+
+
+def config_folder() -> Path:
+    """Where the YAML files are: inside an installed wheel, or beside the packages in a source tree."""
+    here = Path(__file__).resolve().parent
+    for folder in (here.parent / "configs", here / "configs"):
+        if (folder / "config.yaml").is_file():
+            return folder
+    raise FileNotFoundError(f"the folder configs must lie in {here} or beside it: the installation is damaged")
+
+
+def experiments() -> list[str]:
+    """Names of the experiments."""
+    return sorted(path.stem for path in (config_folder() / "experiment").glob("*.yaml"))
+
+
+def recipes() -> list[str]:
+    """Names of the recipes."""
+    return sorted(path.stem for path in (config_folder() / "recipe").glob("*.yaml"))
+
+
+def register() -> None:
+    """Make the typed defaults known to Hydra as `settings`."""
+    ConfigStore.instance().store(name="settings", node=Settings)
+
+
+def settings_from(words: Sequence[str] = ()) -> Settings:
+    """Checked settings from `key=value` words over the files; raises SettingsError."""
+    for word in words:
+        if not re.match(r"[A-Za-z_][\w.@/]*=", word):
+            raise SettingsError(f"a setting must be written key=value, got {word!r}")
+    register()
+    GlobalHydra.instance().clear()
+    try:
+        with initialize_config_dir(str(config_folder()), version_base="1.3"):
+            return as_settings(compose("config", list(words)))
+    except (HydraException, OmegaConfBaseException) as error:
+        raise SettingsError(_readable(error)) from None
+
+
+def settings_from_stored(stored: dict[str, Any]) -> Settings:
+    """Checked settings from what a run has stored; raises SettingsError."""
+    try:
+        return as_settings(OmegaConf.merge(OmegaConf.structured(Settings), stored))
+    except OmegaConfBaseException as error:
+        raise SettingsError(f"stored settings: {_readable(error)}") from None
+
+
+def as_settings(config: Any) -> Settings:
+    """Typed and checked settings from a composed configuration; raises SettingsError."""
+    try:
+        settings = OmegaConf.to_object(config)
+    except OmegaConfBaseException as error:
+        raise SettingsError(_readable(error)) from None
+    except (TypeError, ValueError) as error:
+        raise SettingsError(str(error)) from None
+    assert isinstance(settings, Settings)
+    return settings
+
+
+def _readable(error: Exception) -> str:
+    """Hydra's message in one line, with the nearest name for what it does not know."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    message = lines[0] if lines else type(error).__name__
+    if unknown := re.search(r"Could not override '([\w.@/]+)'", message):
+        key = unknown.group(1)
+        return f"settings have no key {key!r}{_nearest(key, _keys())}"
+    if missing := re.search(r"Could not find '(experiment|recipe)/([^']*)'", message):
+        kind, name = missing.groups()
+        known = experiments() if kind == "experiment" else recipes()
+        return f"{kind} must be one of {', '.join(known)}, got {name!r}{_nearest(name, known)}"
+    if (merging := re.match(r"Error merging override (\S+?)=", message)) and error.__cause__ is not None:
+        return f"{merging.group(1)}: {str(error.__cause__).splitlines()[0]}"
+    key = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("full_key:")), None)
+    return f"{key}: {message}" if key else message
+
+
+def _nearest(name: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def _keys(node: Any = None, prefix: str = "") -> list[str]:
+    """All keys of the settings, dotted."""
+    node = OmegaConf.structured(Settings) if node is None else node
+    found = []
+    for key in node:
+        value = node._get_node(key)
+        found.append(prefix + str(key))
+        if OmegaConf.is_dict(value) and not value._is_none():
+            found += _keys(value, f"{prefix}{key}.")
+    return found

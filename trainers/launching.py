@@ -1,0 +1,132 @@
+"""What the commands do: check everything, then run; bad input ends in one line, not in a traceback."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from trainers.cli import fail
+from trainers.composing import SettingsError, settings_from, settings_from_stored
+from trainers.settings import Settings
+
+RUN_FOLDER = "hydra.run.dir="
+
+
+def train_from(words: Sequence[str]) -> None:
+    """`swarm train`."""
+    words = list(words)
+    if "-m" in words or "--multirun" in words:
+        from trainers.sweeping import sweep
+
+        return sweep([word for word in words if word not in ("-m", "--multirun")])
+    show = "--show" in words
+    words = [word for word in words if word != "--show"]
+    resumed = [word.removeprefix("resume=") for word in words if word.startswith("resume=")]
+    folders = [word.removeprefix(RUN_FOLDER) for word in words if word.startswith(RUN_FOLDER)]
+    plain = [word for word in words if not word.startswith(("resume=", RUN_FOLDER))]
+    if resumed:
+        if plain or folders or len(resumed) > 1:
+            fail(f"resume goes on with the settings stored in the run, nothing else may be given, got {' '.join(words)}")
+        return resume(Path(resumed[0]))
+    try:
+        settings = settings_from(plain)
+    except SettingsError as error:
+        fail(error)
+    if show:
+        print(described(settings))
+        return None
+    return begin(settings, Path(folders[-1]) if folders else None)
+
+
+def begin(settings: Settings, folder: Path | None) -> None:
+    """Train in a new folder."""
+    from trainers import runs
+
+    try:
+        run = runs.RunFolder.create(folder or runs.default_folder(settings), settings)
+    except OSError as error:
+        fail(error)
+    print(described(settings))
+    carry_on(settings, run)
+
+
+def resume(path: Path) -> None:
+    """Go on with a run."""
+    from trainers import runs
+
+    try:
+        run, stored = runs.RunFolder.open(path)
+        settings = settings_from_stored(stored)
+        if run.finished:
+            print(f"{path} is finished after {settings.learning.epochs} epochs; nothing is left to do")
+            return
+    except (runs.RunError, SettingsError, OSError) as error:
+        fail(error)
+    carry_on(settings, run)
+
+
+def carry_on(settings: Settings, run: Any) -> None:
+    """Train to the end, draw the training figure, and test the kept policy where that is wanted."""
+    try:
+        from trainers import checkpoints, training
+    except ImportError as error:
+        fail(f"training needs the extra packages of chemoswarm[train]: {error}")
+    started = time.perf_counter()
+    try:
+        done = training.train(settings, run, report=progress_line(settings))
+        training.draw(done, run)
+        run.mark_finished()
+    except (checkpoints.CheckpointError, training.TrainingError, training.Interrupted, OSError) as error:
+        fail(error)
+    print(f"trained in {time.perf_counter() - started:.1f} s; policy, metrics and figure are in {run.path}")
+    if settings.evaluate:
+        test = settings.evaluation
+        evaluate_from(str(run.path), None, test.cells, test.life, test.seed, 0.0, run.path / "evaluation")
+
+
+def evaluate_from(
+    policy: str,
+    experiment: str | None,
+    cells: int | None,
+    life: float | None,
+    seed: int,
+    noise: float,
+    out: Path | None,
+) -> None:
+    """`swarm evaluate`."""
+    raise NotImplementedError
+
+
+def described(settings: Settings) -> str:
+    """The resolved settings as YAML."""
+    import dataclasses
+
+    import yaml
+
+    return yaml.safe_dump(dataclasses.asdict(settings), sort_keys=False).rstrip()
+
+
+def progress_line(settings: Settings) -> Any:
+    """A reporter of each epoch: one line that is overwritten on a terminal, else a line per validation."""
+    live = sys.stderr.isatty()
+
+    def report(training: Any, seconds: float) -> None:
+        import numpy as np
+
+        gain, fraction = training.latest_validation()
+        text = f"epoch {training.epoch}/{settings.learning.epochs}"
+        if not np.isnan(gain):
+            text += f"  gain {gain:.2f}"
+            if not np.isnan(fraction):
+                text += f" = {100 * fraction:.1f}% of the limit"
+        text += f"  best {training.best_gain.mean():.2f}  {seconds:.2f} s/epoch"
+        last = training.epoch == settings.learning.epochs
+        if live:
+            print(f"\r\033[K{text}", end="\n" if last else "", file=sys.stderr, flush=True)
+        elif last or training.epoch % (10 * settings.validation.every) == 0:
+            print(text, file=sys.stderr, flush=True)
+
+    return report

@@ -1,0 +1,349 @@
+"""Training: collect, learn, validate, keep; a run that is stopped anywhere goes on as if it had never been."""
+
+from __future__ import annotations
+
+import dataclasses
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from swarm import provenance
+from swarm.network import save_policy
+from swarm.torchrl_env import SwarmEnv
+from trainers import checkpoints, runs
+from trainers.collecting import Explorer
+from trainers.dqn import Learner
+from trainers.runs import METRIC_COLUMNS, RunFolder
+from trainers.settings import LearningSettings, Settings
+from trainers.validating import Validation
+
+MEASURES = METRIC_COLUMNS[2:]  # all but epoch and seed
+
+
+class TrainingError(RuntimeError):
+    """Training cannot go on."""
+
+
+class Interrupted(RuntimeError):
+    """The user stopped the run; everything is saved."""
+
+
+def epsilon_at(settings: LearningSettings, epoch: int, progress: float) -> float:
+    """ε in an epoch (from 0); `progress` is the part of all epochs that is over."""
+    if settings.epsilon_schedule == "exponential":
+        return max(settings.epsilon_end, settings.epsilon_start * settings.epsilon_decay**epoch)
+    fallen = min(1.0, progress / settings.epsilon_fraction)
+    return settings.epsilon_start + (settings.epsilon_end - settings.epsilon_start) * fallen
+
+
+def learning_rate_at(settings: LearningSettings, updates: int, progress: float) -> float:
+    """Learning rate after `updates` updates."""
+    if settings.learning_rate_schedule == "inverse_time":
+        return settings.learning_rate / (1 + settings.learning_rate_decay * updates)
+    return settings.learning_rate * (1 + (settings.learning_rate_end - 1) * progress)
+
+
+class Training:
+    """All that a run carries from one epoch to the next."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.seeds = settings.seeds
+        learning = settings.learning
+        world = settings.training_world()
+        self.env = SwarmEnv(
+            learning.n_worlds * len(self.seeds),
+            None if settings.device == "cpu" else settings.device,
+            n_swimmers=learning.n_swimmers,
+            seeds=self.seeds,
+            world=world,
+        )
+        self.explorer = Explorer(self.env)
+        self.learner = Learner(world.observation_size, world.n_actions, learning, self.seeds, settings.device)
+        checked = settings.validation
+        self.validation = Validation(
+            world.replace(life=checked.life), checked.cells, self.seeds, settings.device
+        )
+        self.epoch = 0
+        self.decisions = 0
+        self.best_gain = np.full(len(self.seeds), -np.inf)
+        self.best_epoch = np.zeros(len(self.seeds), np.int64)
+        self.best = self.learner.played.flat.clone()
+        self.measures = np.zeros((0, len(self.seeds), len(MEASURES)))
+
+    # --- one epoch --------------------------------------------------------------------------------------------------
+
+    def run_epoch(self) -> None:
+        """One life of every cell, with rounds of updates in between, then validation where it is due."""
+        settings, learning = self.settings, self.settings.learning
+        self.env.restart()
+        longest = self.env.world.max_decisions
+        losses, values, done = [], [], 0
+        while done < longest and (done == 0 or not self.explorer.everyone_done()):
+            progress = (self.epoch + done / longest) / learning.epochs
+            epsilon = epsilon_at(learning, self.epoch, progress)
+            decisions = min(learning.collect or longest, longest - done)
+            rows = self.explorer.collect(self.learner.online, epsilon, decisions)
+            self.learner.remember(rows)
+            done += len(rows) // self.explorer.cells
+            loss, value = self.learner.learn(lambda updates, p=progress: learning_rate_at(learning, updates, p))
+            losses.append(loss)
+            values.append(value)
+        self.decisions += done
+        self.epoch += 1
+        gain = np.full(len(self.seeds), np.nan)
+        if self.epoch % settings.validation.every == 0 or self.epoch == learning.epochs:
+            gain = self._validate()
+        self._measure(torch.stack(losses), torch.stack(values), epsilon, gain)
+
+    def _validate(self) -> np.ndarray:
+        """Mean gain (seeds,) of the greedy policies; the best one of each seed is kept."""
+        network = self.learner.played
+        gain = self.validation.gains(network)
+        better = gain > self.best_gain if self.settings.learning.keep == "best" else np.ones(len(gain), bool)
+        self.best_gain = np.where(better, gain, self.best_gain)
+        self.best_epoch = np.where(better, self.epoch, self.best_epoch)
+        mask = torch.as_tensor(better, device=network.flat.device)[:, None]
+        self.best = torch.where(mask, network.flat, self.best)
+        return gain
+
+    def _measure(self, losses: Tensor, values: Tensor, epsilon: float, gain: np.ndarray) -> None:
+        """This epoch's row of metrics for each seed; raises TrainingError where something is not finite.
+
+        training_gain: mean gain of the training cells, which explore; loss, q_mean: means over the epoch's rounds of the last
+        batch's loss and chosen value; gain, fraction_of_limit: validation (NaN where none was due).
+        """
+        training_gain = self.explorer.gains().double().mean(-1)
+        limits = self.validation.limits
+        row = np.empty((len(self.seeds), len(MEASURES)))
+        columns = {
+            "training_gain": training_gain.cpu().numpy(),
+            "loss": losses.double().mean(0).cpu().numpy(),
+            "q_mean": values.double().mean(0).cpu().numpy(),
+            "epsilon": epsilon,
+            "learning_rate": self.learner.optimiser.param_groups[0]["lr"],
+            "decisions": self.decisions,
+            "updates": self.learner.updates,
+            "gain": gain,
+            "fraction_of_limit": np.nan if limits is None else gain / limits,
+        }
+        for place, name in enumerate(MEASURES):
+            row[:, place] = columns[name]
+        for name in ("training_gain", "loss", "q_mean"):
+            for seed, value in zip(self.seeds, row[:, MEASURES.index(name)], strict=True):
+                if not np.isfinite(value):
+                    raise TrainingError(
+                        f"{name} must be finite, got {value} in epoch {self.epoch} of seed {seed}; "
+                        "a lower learning.learning_rate may help, or the field or flow gives such values"
+                    )
+        self.measures = np.concatenate([self.measures, row[None]])
+
+    def latest_validation(self) -> tuple[float, float]:
+        """Mean over seeds of this epoch's validation gain and fraction of the limit; NaN where none was due."""
+        means = self.measures[-1].mean(0)
+        return float(means[MEASURES.index("gain")]), float(means[MEASURES.index("fraction_of_limit")])
+
+    def metric_rows(self, first: int = 0) -> Iterator[dict[str, Any]]:
+        """Rows of metrics.csv from epoch `first` + 1 on."""
+        for index in range(first, len(self.measures)):
+            for place, seed in enumerate(self.seeds):
+                values = dict(zip(MEASURES, self.measures[index, place].tolist(), strict=True))
+                whole = {name: int(values.pop(name)) for name in ("decisions", "updates")}
+                kept = {name: None if np.isnan(value) else value for name, value in values.items()}
+                yield {"epoch": index + 1, "seed": seed, **kept, **whole}
+
+    # --- what a checkpoint holds ------------------------------------------------------------------------------------
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Networks, optimiser, buffer, environment, kept policies and metrics.
+
+        Random numbers need none: every draw is named by its seed and a counter.
+        """
+        learner = self.learner
+        held = {"online": learner.online.flat, "target": learner.target.flat, "played": learner.played.flat}
+        held |= {"best": self.best, "best_gain": torch.as_tensor(self.best_gain)}
+        held |= {"best_epoch": torch.as_tensor(self.best_epoch), "measures": torch.as_tensor(self.measures)}
+        for name, value in learner.optimiser.state[learner.online.flat].items():
+            held[f"optimiser.{name}"] = value
+        for name, value in learner.buffer[:].items():
+            held[f"buffer.{name}"] = value
+        held |= {f"env.{name}": value for name, value in self.env.state_dict_of_env().items()}
+        return {name: value.clone() for name, value in held.items()}
+
+    def record(self) -> dict[str, int]:
+        """The counters."""
+        learner = self.learner
+        return {
+            "epoch": self.epoch,
+            "decisions": self.decisions,
+            "updates": learner.updates,
+            "learning_rounds": learner.rounds,
+            "collecting_rounds": self.explorer.rounds,
+            "cursor": learner.buffer.writer.state_dict()["_cursor"],
+        }
+
+    def restore(self, tensors: dict[str, Tensor], record: dict[str, int]) -> None:
+        """Go on from what `tensors` and `record` gave."""
+        learner = self.learner
+        held = {name: value.to(learner.device) for name, value in tensors.items()}
+        for network, name in ((learner.online, "online"), (learner.target, "target"), (learner.played, "played")):
+            network.flat.copy_(held[name])
+        self.best = held["best"]
+        self.best_gain, self.best_epoch = tensors["best_gain"].numpy(), tensors["best_epoch"].numpy()
+        self.measures = tensors["measures"].numpy()
+        state = {name: held[f"optimiser.{name}"] for name in ("step", "exp_avg", "exp_avg_sq")}
+        learner.optimiser.state[learner.online.flat] = state
+        stored = {name.removeprefix("buffer."): value for name, value in held.items() if name.startswith("buffer.")}
+        learner.refill(stored, record["cursor"])
+        self.env.load_state_dict_of_env(
+            {name.removeprefix("env."): value for name, value in tensors.items() if name.startswith("env.")}
+        )
+        self.epoch, self.decisions = record["epoch"], record["decisions"]
+        learner.updates, learner.rounds = record["updates"], record["learning_rounds"]
+        self.explorer.rounds = record["collecting_rounds"]
+
+    # --- what comes out ---------------------------------------------------------------------------------------------
+
+    def policy_card(self, place: int) -> dict[str, Any]:
+        """What a policy file says of itself: no times, no paths."""
+        limits = self.validation.limits
+        gain = float(self.best_gain[place])
+        world = self.env.world
+        settings = dataclasses.asdict(self.settings)
+        return {
+            "experiment": self.settings.experiment,
+            "recipe": self.settings.recipe,
+            "seed": self.seeds[place],
+            "epoch": int(self.best_epoch[place]),
+            "n_records": world.n_records,
+            "features": world.features,
+            "n_actions": world.n_actions,
+            "settings": {name: settings[name] for name in ("world", "learning", "validation", "evaluation")},
+            "validation": {"gain": gain, "fraction_of_limit": None if limits is None else gain / float(limits[place])},
+            "versions": provenance.versions(),
+            "commit": provenance.commit(),
+        }
+
+    def save_policies(self, run: RunFolder) -> None:
+        """The kept policy of every seed, and the best of them by validation as the run's own."""
+        network = self.learner.played.copy()
+        network.flat.copy_(self.best)
+        for place, seed in enumerate(self.seeds):
+            policy = network.exported(place, self.policy_card(place))
+            if len(self.seeds) > 1:
+                run.seed_folder(seed).mkdir(exist_ok=True)
+                save_policy(policy, run.seed_folder(seed) / runs.POLICY)
+            if place == int(np.argmax(self.best_gain)):
+                save_policy(policy, run.policy)
+
+
+def train(settings: Settings, run: RunFolder, *, report: Callable[[Training, float], None] | None = None) -> Training:
+    """Train to the end in a run's folder, going on from its newest checkpoint; `report` is called after each epoch.
+
+    Raises Interrupted after Ctrl-C or SIGTERM, when the epoch is finished and saved; TrainingError for numbers that are not
+    finite; CheckpointError for checkpoints that cannot be used.
+    """
+    torch.set_num_threads(settings.threads)
+    stored = dataclasses.asdict(settings)
+    folder = run.path / runs.CHECKPOINTS
+    found = checkpoints.read_newest(folder, stored)
+    with torch.inference_mode():
+        training = Training(settings)
+        if found is not None:
+            training.restore(*found[:2])
+        run.rewrite(runs.METRICS, METRIC_COLUMNS, list(training.metric_rows()))
+        run.rewrite(runs.TIMINGS, runs.TIMING_COLUMNS, [])
+        logger = _logger(settings, run)
+        with _interruptible() as stop:
+            while training.epoch < settings.learning.epochs:
+                started, decisions, updates = time.perf_counter(), training.decisions, training.learner.updates
+                training.run_epoch()
+                seconds = time.perf_counter() - started
+                rows = list(training.metric_rows(training.epoch - 1))
+                run.append(runs.METRICS, METRIC_COLUMNS, rows)
+                timing = {
+                    "epoch": training.epoch,
+                    "seconds": seconds,
+                    "decisions_per_second": (training.decisions - decisions) / seconds,
+                    "updates_per_second": (training.learner.updates - updates) / seconds,
+                }
+                run.append(runs.TIMINGS, runs.TIMING_COLUMNS, [timing])
+                logger(rows, timing)
+                last = training.epoch == settings.learning.epochs
+                if last or stop() or training.epoch % settings.checkpoint_every == 0:
+                    checkpoints.write(folder, training.epoch, training.tensors(), training.record(), stored)
+                if report is not None:
+                    report(training, seconds)
+                if stop() and not last:
+                    raise Interrupted(f"stopped after epoch {training.epoch}; to go on: swarm train resume={run.path}")
+        training.save_policies(run)
+    return training
+
+
+def draw(training: Training, run: RunFolder) -> None:
+    """The training figure: validation gain against epoch, with the limit and greedy (paper: evolution of the gain)."""
+    from swarm import figures
+
+    gain = training.measures[:, :, MEASURES.index("gain")]
+    validated = np.flatnonzero(~np.isnan(gain[:, 0]))
+    limits = training.validation.limits
+    figure = figures.training_curve(
+        {training.settings.experiment: (validated + 1, gain[validated].T)},
+        limit=None if limits is None else float(limits.mean()),
+        greedy=float(training.validation.greedy.mean()),
+    )
+    figures.save(figure, run.path / runs.FIGURE)
+
+
+@contextmanager
+def _interruptible() -> Iterator[Callable[[], bool]]:
+    """Within, the first Ctrl-C or SIGTERM only asks to stop after the epoch; the second one stops at once."""
+    asked = []
+
+    def ask(number: int, frame: Any) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    previous = {}
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            previous[number] = signal.signal(number, ask)
+    except ValueError:  # not in the main thread, where signals do not come
+        pass
+    try:
+        yield lambda: bool(asked)
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _logger(settings: Settings, run: RunFolder) -> Callable[[list[dict[str, Any]], dict[str, Any]], None]:
+    """Writes each epoch's rows to TensorBoard and Weights & Biases, where these are wanted."""
+    loggers: list[Any] = []
+    if settings.tensorboard:
+        from torchrl.record.loggers.tensorboard import TensorboardLogger
+
+        loggers.append(TensorboardLogger(exp_name="tensorboard", log_dir=str(run.path)))
+    if settings.wandb:
+        from torchrl.record.loggers.wandb import WandbLogger
+
+        loggers.append(WandbLogger(exp_name=run.path.name, log_dir=str(run.path)))
+
+    def log(rows: list[dict[str, Any]], timing: dict[str, Any]) -> None:
+        for logger in loggers:
+            for row in rows:
+                suffix = "" if len(rows) == 1 else f"/seed_{row['seed']}"
+                for name in MEASURES:
+                    if row[name] is not None:
+                        logger.log_scalar(name + suffix, float(row[name]), step=row["epoch"])
+            for name in runs.TIMING_COLUMNS[1:]:
+                logger.log_scalar(f"time/{name}", timing[name], step=timing["epoch"])
+
+    return log
