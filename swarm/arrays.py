@@ -4,16 +4,25 @@ from __future__ import annotations
 
 from typing import Any
 
-import array_api_compat.numpy
 import numpy as np
 from array_api_compat import array_namespace
+from array_api_compat import numpy as numpy_namespace
 
 Array = Any
 
 
 def namespace(array: Array) -> Any:
-    """The functions for `array`'s library; quick for NumPy, where looking them up costs more than most of them."""
-    return array_api_compat.numpy if isinstance(array, np.ndarray) else array_namespace(array)
+    """The functions for `array`'s library.
+
+    Quick for NumPy and torch, where looking them up takes longer than most of them do.
+    """
+    if isinstance(array, np.ndarray):
+        return numpy_namespace
+    if type(array).__module__ == "torch":
+        from array_api_compat import torch as torch_namespace
+
+        return torch_namespace
+    return array_namespace(array)
 
 
 def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:

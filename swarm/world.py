@@ -87,7 +87,8 @@ class Tables(NamedTuple):
     """
 
     rows: Array  # (3 + 4 · targets, columns): κ*, duration [time], speed, then the motions of `swimmer`
-    whole: Array  # (actions,) ticks of a whole interval
+    whole: Array  # (actions,) ticks of a whole interval; (1,) where they are all the same
+    last: Array  # (1,) longest + 1
     weights: Array  # collocation weights
 
 
@@ -338,8 +339,10 @@ class World:
         tables = self._cached_tables.get(key)
         if tables is None:
             weights = as_array(self.scheme.weights, like) if self.in_flow else None
-            whole = as_array(np.asarray(self.interval_ticks), like, dtype=xp.int32)
-            tables = Tables(as_array(self._rows(), like), whole, weights)
+            ticks = self.interval_ticks if len(set(self.interval_ticks)) > 1 else self.interval_ticks[:1]
+            whole = as_array(np.asarray(ticks), like, dtype=xp.int32)
+            last = as_array(np.asarray([max(ticks) + 1]), like, dtype=xp.int32)
+            tables = Tables(as_array(self._rows(), like), whole, last, weights)
             if cacheable:
                 self._cached_tables[key] = tables
         return tables
@@ -493,13 +496,12 @@ class World:
         tables = self.tables(state.position)
         xp = namespace(state.position)
         action = xp.astype(action, xp.int32, copy=False)
-        longest, shortest = max(self.interval_ticks), min(self.interval_ticks)
         left = self.life_ticks - state.clock
         if self.egg is not None or self.domains:
             left = xp.where(state.finished, xp.zeros_like(left), left)
-        whole = longest if longest == shortest else _by_row(tables.whole, action)
+        whole = tables.whole if tables.whole.shape[0] == 1 else _by_row(tables.whole, action)
         clock = state.clock + xp.minimum(left, whole)
-        column = action * (longest + 2) + xp.minimum(left, longest + 1)
+        column = action * (tables.last + 1) + xp.minimum(left, tables.last)
         rows = xp.take(tables.rows, xp.reshape(column, (-1,)), axis=1)
         rows = xp.reshape(rows, (rows.shape[0], *column.shape))
         normal_curvature, duration, speed = rows[0, ...], rows[1, ...], rows[2, ...]
