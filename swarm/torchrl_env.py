@@ -64,7 +64,9 @@ class SwarmEnv(EnvBase):
         for name in parameters:
             check_name("parameter", name, known)
         if world is not None and parameters:
-            raise TypeError(f"world must be given alone or by its parameters, got both world and {sorted(parameters)}")
+            raise TypeError(
+                f"world must be given alone or by its parameters, got both world and {sorted(parameters)}"
+            )
         self.n_worlds = check_count("n_worlds", n_worlds)
         self.n_swimmers = check_count("n_swimmers", n_swimmers)
         self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
@@ -84,7 +86,9 @@ class SwarmEnv(EnvBase):
         """Share the worlds out among `seeds`, block after block, and begin with episode 0 at the next restart."""
         self.seeds = [streams.check_seed(seed) for seed in seeds]
         if not self.seeds or self.n_worlds % len(self.seeds):
-            raise ValueError(f"n_worlds must be a multiple of the number of seeds, got {self.n_worlds} and {len(self.seeds)}")
+            raise ValueError(
+                f"n_worlds must be a multiple of the number of seeds, got {self.n_worlds} and {len(self.seeds)}"
+            )
         self.episode = np.full(self.n_worlds, -1)
         self.decision = np.zeros(self.n_worlds, np.int64)
 
@@ -157,7 +161,10 @@ class SwarmEnv(EnvBase):
         """All that is needed to go on from here: the cells' state and the counters."""
         assert self.state is not None, "restart() must come first"
         arrays = {f"state.{name}": value for name, value in self.state._asdict().items()}
-        return arrays | {"episode": torch.as_tensor(self.episode.copy()), "decision": torch.as_tensor(self.decision.copy())}
+        return arrays | {
+            "episode": torch.as_tensor(self.episode.copy()),
+            "decision": torch.as_tensor(self.decision.copy()),
+        }
 
     def load_state_dict_of_env(self, arrays: dict[str, Tensor]) -> None:
         """Go on from what `state_dict_of_env` gave."""
@@ -177,7 +184,9 @@ class SwarmEnv(EnvBase):
         assert self.state is not None
         done = self.state.finished[..., None]
         fresh = torch.ones(self.n_worlds, dtype=torch.bool) if worlds is None else self._tensor(worlds)
-        self._terminated = _where(fresh, torch.zeros_like(done), self._terminated if worlds is not None else done)
+        self._terminated = _where(
+            fresh, torch.zeros_like(done), self._terminated if worlds is not None else done
+        )
         return self._pack(observation, self.gain(), done, self._terminated, done & ~self._terminated)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
@@ -192,7 +201,9 @@ class SwarmEnv(EnvBase):
     def _set_seed(self, seed: int | None) -> None:
         self.set_seeds([0 if seed is None else seed])
 
-    def _pack(self, observation: Tensor, gain: Tensor, done: Tensor, terminated: Tensor, truncated: Tensor) -> TensorDict:
+    def _pack(
+        self, observation: Tensor, gain: Tensor, done: Tensor, terminated: Tensor, truncated: Tensor
+    ) -> TensorDict:
         everyone = done.all(dim=1)  # (worlds, 1)
         ended = terminated.all(dim=1)
         group = TensorDict(
@@ -221,7 +232,9 @@ class SwarmEnv(EnvBase):
             observation=Bounded(-bound, bound, shape=bound.shape, dtype=torch.float32, device=device),
             gain=Unbounded(shape=(*shape, 1), dtype=torch.float32, device=device),
         )
-        self.action_spec = group(action=Categorical(self.world.n_actions, shape=shape, dtype=torch.int64, device=device))
+        self.action_spec = group(
+            action=Categorical(self.world.n_actions, shape=shape, dtype=torch.int64, device=device)
+        )
         self.reward_spec = group(reward=Unbounded(shape=(*shape, 1), dtype=torch.float32, device=device))
         names = ("done", "terminated", "truncated")
         done = group(**{name: Binary(shape=(*shape, 1), **flag) for name in names})
@@ -242,7 +255,9 @@ class SwarmEnv(EnvBase):
         """This decision's noise (worlds, cells, 3)."""
         if not self.world.has_noise:
             return None
-        index = self._tensor(self.decision % NOISE_BLOCK).reshape(-1, 1, 1, 1).expand(-1, self.n_swimmers, 1, 3)
+        index = (
+            self._tensor(self.decision % NOISE_BLOCK).reshape(-1, 1, 1, 1).expand(-1, self.n_swimmers, 1, 3)
+        )
         return self._noise.gather(2, index)[:, :, 0]
 
     def _refill_noise(self, chosen: np.ndarray) -> None:

@@ -27,7 +27,9 @@ class CheckpointError(RuntimeError):
     """A checkpoint that cannot be used."""
 
 
-def write(folder: Path, epoch: int, tensors: dict[str, Tensor], record: dict[str, Any], settings: dict[str, Any]) -> None:
+def write(
+    folder: Path, epoch: int, tensors: dict[str, Tensor], record: dict[str, Any], settings: dict[str, Any]
+) -> None:
     """Write the checkpoint of an epoch, then remove all but the newest `KEPT`."""
     data = save({name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()})
     manifest = {
@@ -47,7 +49,9 @@ def write(folder: Path, epoch: int, tensors: dict[str, Tensor], record: dict[str
         shutil.rmtree(old, ignore_errors=True)
 
 
-def read_newest(folder: Path, settings: dict[str, Any]) -> tuple[dict[str, Tensor], dict[str, Any], list[str]] | None:
+def read_newest(
+    folder: Path, settings: dict[str, Any]
+) -> tuple[dict[str, Tensor], dict[str, Any], list[str]] | None:
     """The newest valid checkpoint's tensors and record, and what was wrong with newer ones; None where there is none.
 
     Raises CheckpointError for one from a newer version or from other settings, and where all there are are damaged.
@@ -77,7 +81,9 @@ def _read(path: Path, settings: dict[str, Any]) -> tuple[dict[str, Tensor], dict
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise _Damaged(f"checkpoint {path} is damaged ({type(error).__name__}: {error})") from None
     if version != FORMAT:
-        raise CheckpointError(f"checkpoint {path} must have format {FORMAT}, which this version reads, got {version}")
+        raise CheckpointError(
+            f"checkpoint {path} must have format {FORMAT}, which this version reads, got {version}"
+        )
     if hashlib.sha256(data).hexdigest() != checksum:
         raise _Damaged(f"checkpoint {path} is damaged: {TENSORS} does not match its checksum")
     other = sorted(key for key in settings if manifest.get("settings", {}).get(key) != settings[key])
@@ -94,4 +100,3 @@ def _listed(folder: Path) -> list[Path]:
     if not folder.is_dir():
         return []
     return sorted(path for path in folder.iterdir() if path.name.startswith("epoch_") and path.is_dir())
-

@@ -41,9 +41,12 @@ def train(context: typer.Context) -> None:
 @app.command()
 def evaluate(
     policy: Annotated[
-        str, typer.Argument(help="A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal.")
+        str,
+        typer.Argument(help="A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal."),
     ],
-    experiment: Annotated[str | None, typer.Option(help="World of the test; default: the policy's own.")] = None,
+    experiment: Annotated[
+        str | None, typer.Option(help="World of the test; default: the policy's own.")
+    ] = None,
     cells: Annotated[int | None, typer.Option(help="Test cells.")] = None,
     life: Annotated[float | None, typer.Option(help="Length of a life, t_life.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the test population.")] = 0,

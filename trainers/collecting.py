@@ -63,7 +63,9 @@ class Explorer:
                 break
         seen = torch.stack(observations)
 
-        def rows(values: Tensor) -> Tensor:  # (decisions, seeds, cells, ...) -> (decisions · cells, seeds, ...)
+        def rows(
+            values: Tensor,
+        ) -> Tensor:  # (decisions, seeds, cells, ...) -> (decisions · cells, seeds, ...)
             return values.transpose(1, 2).flatten(0, 1)
 
         count = len(actions) * self.cells

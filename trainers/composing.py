@@ -28,7 +28,9 @@ def config_folder() -> Path:
     for folder in (here.parent / "configs", here / "configs"):
         if (folder / "config.yaml").is_file():
             return folder
-    raise FileNotFoundError(f"the folder configs must lie in {here} or beside it: the installation is damaged")
+    raise FileNotFoundError(
+        f"the folder configs must lie in {here} or beside it: the installation is damaged"
+    )
 
 
 def experiments() -> list[str]:

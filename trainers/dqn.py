@@ -86,7 +86,9 @@ class Learner:
         self, n_inputs: int, n_actions: int, settings: LearningSettings, seeds: list[int], device: str = "cpu"
     ) -> None:
         self.settings, self.seeds, self.device = settings, seeds, torch.device(device)
-        generators = [torch.Generator().manual_seed(streams.integer_seed("training", "network", seed)) for seed in seeds]
+        generators = [
+            torch.Generator().manual_seed(streams.integer_seed("training", "network", seed)) for seed in seeds
+        ]
         self.online = QNetwork.create((n_inputs, *settings.hidden, n_actions), generators, device)
         self.target = self.online.copy() if settings.target_rate < 1 else self.online
         self.played = self.online.copy() if settings.average_rate < 1 else self.online

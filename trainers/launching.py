@@ -29,7 +29,9 @@ def train_from(words: Sequence[str]) -> None:
     plain = [word for word in words if not word.startswith(("resume=", RUN_FOLDER))]
     if resumed:
         if plain or folders or len(resumed) > 1:
-            fail(f"resume goes on with the settings stored in the run, nothing else may be given, got {' '.join(words)}")
+            fail(
+                f"resume goes on with the settings stored in the run, nothing else may be given, got {' '.join(words)}"
+            )
         return resume(Path(resumed[0]))
     try:
         settings = settings_from(plain)

@@ -44,21 +44,33 @@ class LearningSettings:
     updates: int = 1  # updates in a round
     batch_size: int = 128
     buffer_size: int = 10_000  # transitions
-    hidden: list[int] = dataclasses.field(default_factory=lambda: [24, 24, 24])  # N_hidden = 3 layers of N_n nodes, paper table 2
+    hidden: list[int] = dataclasses.field(
+        default_factory=lambda: [24, 24, 24]
+    )  # N_hidden = 3 layers of N_n nodes, paper table 2
     discount: float = 0.98  # γ, paper table 2
-    double: bool = False  # double DQN: the online network chooses the next action, the target network values it
-    target_rate: float = 1.0  # part of the way the target network moves to the online one per update; 1: the same network
+    double: bool = (
+        False  # double DQN: the online network chooses the next action, the target network values it
+    )
+    target_rate: float = (
+        1.0  # part of the way the target network moves to the online one per update; 1: the same network
+    )
     loss: str = "squared"  # or "huber"
     learning_rate: float = 0.01  # α, paper table 2
-    learning_rate_schedule: str = "inverse_time"  # α / (1 + decay · updates), or "linear": to `learning_rate_end` · α
+    learning_rate_schedule: str = (
+        "inverse_time"  # α / (1 + decay · updates), or "linear": to `learning_rate_end` · α
+    )
     learning_rate_decay: float = 0.1  # paper table 2
     learning_rate_end: float = 0.01  # fraction of α left after the last epoch
     epsilon_start: float = 1.0  # ε in the first epoch
     epsilon_end: float = 0.1  # ε is never lower, paper table 2
-    epsilon_schedule: str = "exponential"  # ε · decay per epoch, or "linear": over `epsilon_fraction` of the epochs
+    epsilon_schedule: str = (
+        "exponential"  # ε · decay per epoch, or "linear": over `epsilon_fraction` of the epochs
+    )
     epsilon_decay: float = 0.998  # paper table 2
     epsilon_fraction: float = 0.6
-    average_rate: float = 1.0  # part of the way the played network moves to the online one per update; 1: the online one
+    average_rate: float = (
+        1.0  # part of the way the played network moves to the online one per update; 1: the online one
+    )
     keep: str = "last"  # the policy that is kept: "last", or "best" on the validation population
 
 

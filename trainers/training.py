@@ -92,7 +92,9 @@ class Training:
             rows = self.explorer.collect(self.learner.online, epsilon, decisions)
             self.learner.remember(rows)
             done += len(rows) // self.explorer.cells
-            loss, value = self.learner.learn(lambda updates, p=progress: learning_rate_at(learning, updates, p))
+            loss, value = self.learner.learn(
+                lambda updates, p=progress: learning_rate_at(learning, updates, p)
+            )
             losses.append(loss)
             values.append(value)
         self.decisions += done
@@ -192,14 +194,20 @@ class Training:
         """Go on from what `tensors` and `record` gave."""
         learner = self.learner
         held = {name: value.to(learner.device) for name, value in tensors.items()}
-        for network, name in ((learner.online, "online"), (learner.target, "target"), (learner.played, "played")):
+        for network, name in (
+            (learner.online, "online"),
+            (learner.target, "target"),
+            (learner.played, "played"),
+        ):
             network.flat.copy_(held[name])
         self.best = held["best"]
         self.best_gain, self.best_epoch = tensors["best_gain"].numpy(), tensors["best_epoch"].numpy()
         self.measures = tensors["measures"].numpy()
         state = {name: held[f"optimiser.{name}"] for name in ("step", "exp_avg", "exp_avg_sq")}
         learner.optimiser.state[learner.online.flat] = state
-        stored = {name.removeprefix("buffer."): value for name, value in held.items() if name.startswith("buffer.")}
+        stored = {
+            name.removeprefix("buffer."): value for name, value in held.items() if name.startswith("buffer.")
+        }
         learner.refill(stored, record["cursor"])
         self.env.load_state_dict_of_env(
             {name.removeprefix("env."): value for name, value in tensors.items() if name.startswith("env.")}
@@ -225,7 +233,10 @@ class Training:
             "features": world.features,
             "n_actions": world.n_actions,
             "settings": {name: settings[name] for name in ("world", "learning", "validation", "evaluation")},
-            "validation": {"gain": gain, "fraction_of_limit": None if limits is None else gain / float(limits[place])},
+            "validation": {
+                "gain": gain,
+                "fraction_of_limit": None if limits is None else gain / float(limits[place]),
+            },
             "versions": provenance.versions(),
             "commit": provenance.commit(),
         }
@@ -243,7 +254,9 @@ class Training:
                 save_policy(policy, run.policy)
 
 
-def train(settings: Settings, run: RunFolder, *, report: Callable[[Training, float], None] | None = None) -> Training:
+def train(
+    settings: Settings, run: RunFolder, *, report: Callable[[Training, float], None] | None = None
+) -> Training:
     """Train to the end in a run's folder, going on from its newest checkpoint; `report` is called after each epoch.
 
     Raises Interrupted after Ctrl-C or SIGTERM, when the epoch is finished and saved; TrainingError for numbers that are not
@@ -262,7 +275,11 @@ def train(settings: Settings, run: RunFolder, *, report: Callable[[Training, flo
         logger = _logger(settings, run)
         with _interruptible() as stop:
             while training.epoch < settings.learning.epochs:
-                started, decisions, updates = time.perf_counter(), training.decisions, training.learner.updates
+                started, decisions, updates = (
+                    time.perf_counter(),
+                    training.decisions,
+                    training.learner.updates,
+                )
                 training.run_epoch()
                 seconds = time.perf_counter() - started
                 rows = list(training.metric_rows(training.epoch - 1))
@@ -281,7 +298,9 @@ def train(settings: Settings, run: RunFolder, *, report: Callable[[Training, flo
                 if report is not None:
                     report(training, seconds)
                 if stop() and not last:
-                    raise Interrupted(f"stopped after epoch {training.epoch}; to go on: swarm train resume={run.path}")
+                    raise Interrupted(
+                        f"stopped after epoch {training.epoch}; to go on: swarm train resume={run.path}"
+                    )
         training.save_policies(run)
     return training
 
@@ -293,11 +312,13 @@ def draw(training: Training, run: RunFolder) -> None:
     gain = training.measures[:, :, MEASURES.index("gain")]
     validated = np.flatnonzero(~np.isnan(gain[:, 0]))
     limits = training.validation.limits
-    figure = figures.training_curve(
-        {training.settings.experiment: (validated + 1, gain[validated].T)},
-        limit=None if limits is None else float(limits.mean()),
+    curve = figures.Curve(
+        epoch=validated + 1,
+        gain=gain[validated].T,
         greedy=float(training.validation.greedy.mean()),
+        limit=None if limits is None else float(limits.mean()),
     )
+    figure = figures.training({training.settings.experiment: curve})
     figures.save(figure, run.path / runs.FIGURE)
 
 

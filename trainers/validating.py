@@ -25,7 +25,9 @@ class Validation:
         stacked = Starts(*(np.stack(parts) for parts in zip(*starts, strict=True)))
         self.greedy = self._play_numpy(stacked, Greedy())
         self._starts = [
-            torch.as_tensor(part, dtype=torch.float32 if part.dtype.kind == "f" else torch.int64, device=self.device)
+            torch.as_tensor(
+                part, dtype=torch.float32 if part.dtype.kind == "f" else torch.int64, device=self.device
+            )
             for part in stacked
         ]
 
@@ -58,7 +60,8 @@ class Validation:
         block, place = divmod(decision, NOISE_BLOCK)
         if place == 0:
             drawn = [
-                draw_noise(seed, self.cells, NOISE_BLOCK, population="validation", block=block) for seed in self.seeds
+                draw_noise(seed, self.cells, NOISE_BLOCK, population="validation", block=block)
+                for seed in self.seeds
             ]
             self._noise_block = torch.as_tensor(np.stack(drawn), dtype=torch.float32, device=self.device)
         return self._noise_block[:, :, place]
