@@ -1,0 +1,29 @@
+"""What every test module shares: one fixture of array libraries, and Hypothesis without a clock."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+
+import hypothesis
+import pytest
+
+hypothesis.settings.register_profile("default", deadline=None, derandomize=True)
+hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000)
+hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
+
+LIBRARIES = {
+    "numpy": "numpy",
+    "torch": "array_api_compat.torch",
+    "array_api_strict": "array_api_strict",
+    "jax": "jax.numpy",  # tested where it is installed
+}
+
+
+@pytest.fixture(params=[name for name in LIBRARIES if importlib.util.find_spec(name)])
+def xp(request):
+    """The functions of an array library; physics must not depend on which."""
+    if request.param == "jax":
+        importlib.import_module("jax").config.update("jax_enable_x64", True)
+    return importlib.import_module(LIBRARIES[request.param])

@@ -1,0 +1,224 @@
+"""Kinematics against closed forms and an adaptive high-order integrator."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from physics import array, place_and_heading, pose, reference, to_numpy
+
+from swarm import swimmer
+from swarm.flows import PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, UniformFlow, Vortex
+from swarm.swimmer import Collocation, Pose
+
+CELLS = 24
+
+
+@pytest.fixture
+def cells():
+    """Poses and curvatures of some cells."""
+    rng = np.random.default_rng(1)
+    return (
+        rng.uniform(0, 20, (CELLS, 2)),
+        rng.uniform(-np.pi, np.pi, CELLS),
+        rng.choice([3.0, 4.0, 5.0], CELLS),
+    )
+
+
+def swum(xp, cells, duration, *, speed=1.0, flow=None, curvature=None):
+    position, angle, kappa = cells
+    kappa = kappa if curvature is None else np.full(CELLS, curvature)
+    durations = np.broadcast_to(np.asarray(duration, float), CELLS)
+    return swimmer.swim(
+        pose(xp, position, angle),
+        array(xp, kappa),
+        array(xp, np.full(CELLS, speed)),
+        array(xp, durations),
+        flow,
+    )
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.9, 1.1])
+@pytest.mark.parametrize("duration", [0.02, 0.38, 0.78, 3.0, -0.38])
+def test_without_flow_the_pose_is_exact(xp, cells, duration, speed):
+    position, angle, curvature = cells
+    expected = reference(position, pose(np, position, angle).heading, curvature, speed, duration)
+    after = place_and_heading(swum(xp, cells, duration, speed=speed))
+    np.testing.assert_allclose(after, expected, rtol=0, atol=1e-12 * 20)
+    turn = curvature * speed * duration
+    by_hand = position + (
+        np.stack([np.sin(angle + turn) - np.sin(angle), np.cos(angle) - np.cos(angle + turn)], axis=-1)
+        / curvature[:, None]
+    )
+    np.testing.assert_allclose(after[:, :2], by_hand, rtol=0, atol=1e-13)
+
+
+def test_without_flow_a_full_turn_returns_to_the_start(xp, cells):
+    position, angle, curvature = cells
+    after = place_and_heading(swum(xp, cells, 2 * np.pi / curvature))
+    np.testing.assert_allclose(after, place_and_heading(pose(np, position, angle)), rtol=0, atol=1e-13)
+
+
+def test_a_straight_path_has_no_curvature(xp, cells):
+    position, angle, _ = cells
+    straight = place_and_heading(swum(xp, cells, 0.38, curvature=0.0))
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    np.testing.assert_allclose(straight[:, :2], position + 0.38 * direction, rtol=0, atol=1e-14)
+    nearly = place_and_heading(swum(xp, cells, 0.38, curvature=1e-9))
+    np.testing.assert_allclose(nearly, straight, rtol=0, atol=1e-9)
+
+
+def test_a_positive_curvature_turns_left(xp):
+    after = swimmer.swim(
+        pose(xp, [[0.0, 0.0]], [0.0]), array(xp, [2.0]), array(xp, [1.0]), array(xp, [np.pi / 4])
+    )
+    np.testing.assert_allclose(place_and_heading(after), [[0.5, 0.5, 0.0, 1.0]], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("flow", [StillWater(), TaylorGreen(), Vortex(), PoiseuilleFlow(walls=(-30.0, 30.0))])
+def test_a_negative_duration_undoes_a_positive_one(xp, cells, flow):
+    position, angle, curvature = cells
+    there = swum(xp, cells, 0.38, flow=flow)
+    speed = array(xp, np.ones(CELLS))
+    back = swimmer.swim(there, array(xp, curvature), speed, array(xp, np.full(CELLS, -0.38)), flow)
+    tolerance = 1e-14 * 20 if isinstance(flow, StillWater) else 2 * swimmer.TOLERANCE
+    start = place_and_heading(pose(np, position, angle))
+    np.testing.assert_allclose(place_and_heading(back), start, rtol=0, atol=tolerance)
+
+
+FLOWS = [
+    TaylorGreen(),
+    TaylorGreen(speed_scale=1.0),
+    TaylorGreen(speed_scale=0.1, wavenumber=3.0),
+    TaylorGreen(speed_scale=0.01, wavenumber=10.0),
+    TaylorGreen(speed_scale=3.0, wavenumber=0.3),
+    UniformFlow((0.3, -0.4)),
+    ShearFlow(speed_scale=0.3),
+    PoiseuilleFlow(speed_scale=0.5, walls=(-5.0, 25.0)),
+    Vortex(speed_scale=0.3, core=1.0, centre=(10.0, 10.0)),
+    Vortex(speed_scale=0.3, core=4.0, clockwise=True),
+]
+
+
+@pytest.mark.parametrize("flow", FLOWS, ids=repr)
+def test_in_a_flow_the_pose_is_within_tolerance_of_the_reference(xp, cells, flow):
+    position, angle, curvature = cells
+    heading = pose(np, position, angle).heading
+    for duration in (0.78, 0.38, 0.18, -0.38):
+        after = place_and_heading(swum(xp, cells, duration, flow=flow))
+        expected = reference(position, heading, curvature, 1.0, duration, flow)
+        np.testing.assert_allclose(after, expected, rtol=0, atol=swimmer.TOLERANCE, err_msg=f"{duration=}")
+
+
+def test_in_a_uniform_flow_the_arc_is_carried_along(xp, cells):
+    flow = UniformFlow((0.3, -0.4))
+    with_flow, without = (place_and_heading(swum(xp, cells, 0.38, flow=f)) for f in (flow, None))
+    without[:, :2] += 0.38 * np.array(flow.current)
+    np.testing.assert_allclose(with_flow, without, rtol=0, atol=1e-14 * 20)
+
+
+def error_of(scheme, flow, duration):
+    rng = np.random.default_rng(2)
+    position, angle = rng.uniform(0, 20, (CELLS, 2)), rng.uniform(-np.pi, np.pi, CELLS)
+    start, ones = pose(np, position, angle), np.ones(CELLS)
+    durations = np.full(CELLS, duration)
+    motions = scheme.motions(4 * ones, ones, durations)
+    after, _ = scheme.swim(start, motions, ones, durations, scheme.weights, flow)
+    expected = reference(position, start.heading, 4.0, 1.0, duration, flow)
+    return np.abs(place_and_heading(after) - expected).max()
+
+
+@pytest.mark.parametrize("nodes", [1, 2, 3])
+def test_the_order_of_convergence_in_the_step_is_twice_the_nodes(nodes):
+    flow = TaylorGreen(speed_scale=0.5, wavenumber=1.0)
+    substeps = {1: (16, 32, 64), 2: (4, 8, 16), 3: (2, 4, 8)}[nodes]
+    errors = [error_of(Collocation(nodes, 8, n), flow, 0.78) for n in substeps]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    print(f"{nodes} nodes: errors {errors}, orders {orders}")
+    np.testing.assert_allclose(orders, 2 * nodes, rtol=0, atol=0.4)
+
+
+@pytest.mark.parametrize("sweeps", [1, 2, 3])
+def test_the_order_of_convergence_in_the_step_is_the_number_of_sweeps(sweeps):
+    flow = TaylorGreen(speed_scale=0.5, wavenumber=1.0)
+    errors = [error_of(Collocation(6, sweeps, n), flow, 0.78) for n in (4, 8, 16)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    print(f"{sweeps} sweeps: errors {errors}, orders {orders}")
+    np.testing.assert_allclose(orders, sweeps, rtol=0, atol=0.15)
+
+
+def test_the_error_estimate_bounds_the_error():
+    for k, u in itertools.product((0.3, 1.0, 3.0, 10.0), (1e-3, 0.1, 1.0)):
+        flow = TaylorGreen(speed_scale=u, wavenumber=k)
+        for duration in (0.18, 0.78):
+            scheme = Collocation.for_interval(flow, 4 * duration, duration, duration)
+            assert error_of(scheme, flow, duration) < swimmer.TOLERANCE, (flow, scheme)
+
+
+def test_a_flow_that_varies_too_fast_to_follow_is_an_error():
+    with pytest.raises(ValueError, match=r"flow must vary slowly enough.*got speed_scale = 1000"):
+        Collocation.for_interval(TaylorGreen(speed_scale=1e3, wavenumber=1e3), 2.0, 0.38, 0.38)
+
+
+def test_the_path_in_a_flow_passes_through_its_outputs(xp, cells):
+    position, angle, curvature = cells
+    flow = TaylorGreen()
+    scheme = dataclasses.replace(Collocation.for_interval(flow, 1.9, 0.38, 0.38), substeps=2, outputs=5)
+    ones, durations = array(xp, np.ones(CELLS)), array(xp, np.full(CELLS, 0.38))
+    motions = scheme.motions(array(xp, curvature), ones, durations)
+    weights = array(xp, scheme.weights)
+    _, path = scheme.swim(pose(xp, position, angle), motions, ones, durations, weights, flow)
+    heading = pose(np, position, angle).heading
+    assert path.shape == (10, CELLS, 2)
+    for place, time in zip(to_numpy(path), np.arange(10) * 0.038, strict=True):
+        expected = reference(position, heading, curvature, 1.0, time, flow)[:, :2]
+        np.testing.assert_allclose(place, expected, rtol=0, atol=5e-6)
+
+
+@pytest.mark.parametrize("flow", [None, TaylorGreen()])
+def test_headings_stay_of_unit_length_in_float32(xp, flow):
+    position = np.full((CELLS, 2), 3.0)
+    now = pose(xp, position, np.linspace(-3, 3, CELLS), xp.float32)
+    ones = array(xp, np.ones(CELLS), xp.float32)
+    for _ in range(200):
+        now = swimmer.swim(now, 4 * ones, ones, 0.38 * ones, flow)
+    assert now.position.dtype == now.heading.dtype == xp.float32
+    np.testing.assert_allclose(np.linalg.norm(to_numpy(now.heading), axis=-1), 1, rtol=0, atol=3e-7)
+
+
+def test_the_centre_of_curvature_stays_while_the_curvature_does(xp, cells):
+    position, angle, curvature = cells
+    before = swimmer.centre_of_curvature(pose(xp, position, angle), array(xp, curvature))
+    after = swimmer.centre_of_curvature(swum(xp, cells, 0.38), array(xp, curvature))
+    np.testing.assert_allclose(to_numpy(after), to_numpy(before), rtol=0, atol=1e-14 * 20)
+
+
+@pytest.mark.parametrize("length", [0.0, 0.1, 0.38, 1.0, 3.0])
+@pytest.mark.parametrize("curvature", [3.0, 5.0, -4.0, 0.05, 1e-6, 0.0])
+def test_the_closest_approach_is_that_of_a_densely_sampled_arc(xp, curvature, length):
+    rng = np.random.default_rng(3)
+    cells = 60
+    position, angle = rng.normal(0, 0.7, (cells, 2)), rng.uniform(-np.pi, np.pi, cells)
+    point, kappa, ones = (0.2, -0.1), np.full(cells, curvature), np.ones(cells)
+    closest = swimmer.closest_approach(
+        pose(xp, position, angle), array(xp, kappa), array(xp, length * ones), point
+    )
+    start = pose(np, position, angle)
+    durations = np.linspace(0, length, 2001)[:, None] * ones
+    path = swimmer.along_arc(
+        Pose(start.position, start.heading), swimmer.arc(kappa, ones, durations)
+    ).position
+    sampled = np.linalg.norm(path - np.array(point), axis=-1).min(axis=0)
+    closest = to_numpy(closest)
+    spacing = length / 2000
+    assert np.all(closest <= sampled + 1e-7)
+    # a sample is at most half a spacing from the nearest place
+    assert np.all(closest >= sampled - spacing / 2 - 1e-7)
+
+
+def test_a_circle_around_a_point_is_its_radius_away(xp):
+    on_circle = pose(xp, [[0.5, 0.0]], [np.pi / 2])  # turns around the origin
+    closest = swimmer.closest_approach(on_circle, array(xp, [2.0]), array(xp, [1.0]), (0.0, 0.0))
+    np.testing.assert_allclose(to_numpy(closest), [0.5], rtol=1e-15)
