@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from array_api_compat import array_namespace, is_numpy_array
 
 from swarm import files, perception
+from swarm.arrays import namespace
 from swarm.checks import check_count, check_name
 
 if TYPE_CHECKING:
@@ -130,9 +130,7 @@ class Network:
         self.check_fits(world)
         observation = perception.observe(state.memory[..., : self.features])
         action = self(observation)
-        if is_numpy_array(state.memory):
-            return action
-        return array_namespace(state.memory).asarray(action)
+        return namespace(state.memory).asarray(action)
 
     def check_fits(self, world: World) -> None:
         """Raises PolicyError unless the network can steer cells of this world."""

@@ -12,6 +12,7 @@ from swarm.checks import check_count
 if TYPE_CHECKING:
     from swarm.world import World
 
+NOISE_BLOCK = 64  # decisions whose noise is drawn at once, everywhere
 _ATTEMPTS = 1000
 
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from swarm.swimmer import as_array
+from swarm.arrays import as_array, namespace
 
 if TYPE_CHECKING:
     from swarm.world import State, World
@@ -42,7 +41,7 @@ class Greedy:
 
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
         """Actions (..., cells)."""
-        xp = array_namespace(state.memory)
+        xp = namespace(state.memory)
         concentrations = state.memory[..., 0]  # normalised, which keeps their order
         newest = concentrations[..., 0]
         top = world.n_actions - 1
@@ -63,7 +62,7 @@ class Swinging:
 
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
         """Actions (..., cells)."""
-        xp = array_namespace(state.clock)
+        xp = namespace(state.clock)
         timetable = self.schedule(world)
         counted = state.clock
         if world.has_common_tick:  # the clock counts ticks: an entry for every tick of a cycle
@@ -89,7 +88,7 @@ class Random:
         """Actions (..., cells); `uniform` is needed."""
         if uniform is None:
             raise ValueError("uniform must be given to Random: one number in [0, 1) per cell, got None")
-        xp = array_namespace(uniform)
+        xp = namespace(uniform)
         action = xp.astype(uniform * world.n_actions, xp.int32)
         top = xp.full_like(action, world.n_actions - 1)
         return xp.minimum(action, top)  # in float32 a number below 1 may round up
@@ -97,6 +96,6 @@ class Random:
 
 def _last_action(world: World, state: State) -> Array:
     """The action (..., cells) of the interval that ended now, from its κ* in [−1, 1]."""
-    xp = array_namespace(state.memory)
+    xp = namespace(state.memory)
     normal_curvature = state.memory[..., 0, 1]
     return xp.astype(xp.round((normal_curvature + 1) * (0.5 * (world.n_actions - 1))), xp.int32)
