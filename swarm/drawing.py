@@ -71,7 +71,7 @@ LOOKS = {
     "dqn": Look("DQN", "#0072B2", "-", "o"),
     "greedy": Look("greedy", "#D55E00", (0, (4, 1.5)), "s"),
     "swinging": Look("swinging", "#009E73", (0, (1, 1)), "^"),
-    "random": Look("random", "#777777", (0, (1, 2)), "x"),
+    "random": Look("random", "#777777", (0, (1, 2)), "d"),
     "optimal": Look("optimal", "#222222", (0, (6, 1.5, 1, 1.5)), "D"),
     "aware": Look("aware DQN", "#0072B2", "-", "o"),
     "blind": Look("blind DQN", "#CC79A7", (0, (5, 1, 1, 1)), "v"),

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from swarm.drawing import (
     BRIGHT_IS_FAST,
@@ -72,7 +73,8 @@ def centrelines(
     chosen = chosen_policies(results, policies) if policies else contenders(results)
     if world.in_flow and not shifted:
         return _flow_panels(results, world, chosen, cells)
-    figure = Figure(figsize=(0.5 * WIDTH, 0.55 * WIDTH), layout="constrained")
+    height = 0.55 if world.egg is None else 0.47
+    figure = Figure(figsize=(0.5 * WIDTH, height * WIDTH), layout="constrained")
     axes = figure.add_subplot()
     _centrelines_panel(axes, results, world, chosen, cells, shifted=shifted)
     return figure
@@ -131,9 +133,8 @@ def _centrelines_panel(
     if linear:
         gradient_arrow(axes)
     axes.set(xlabel="$x - x_0$" if shifted else "$x$", ylabel="$y - y_0$" if shifted else "$y$")
-    legend(
-        axes, policies, loc="lower right" if linear else "upper right", handlelength=1.8, borderaxespad=0.2
-    )
+    above = {} if linear else {"bbox_to_anchor": (1.0, 1.0), "ncols": len(policies)}
+    legend(axes, policies, loc="lower right", handlelength=1.8, borderaxespad=0.2, **above)
 
 
 def _flow_panels(results: xr.Dataset, world: World, policies: Sequence[str], cells: int | None) -> Figure:
@@ -188,6 +189,7 @@ def _gains_panel(axes: Axes, results: xr.Dataset, policies: Sequence[str]) -> No
             zorder=3,
         )
         axes.axhline(gain.mean(), color=style.colour, linewidth=1.2)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="cell", ylabel=r"gain $\Delta c = c(t_\mathrm{life}) - c(0)$", xlim=(0, cells + 1))
     marks = [
         (numbers[name]["mean"], f"{look(name).label}\n{_spread(numbers[name])}", look(name).colour)
@@ -213,10 +215,10 @@ def radial(
     """(a) One cell's path to the egg with its centreline, (b) several centrelines, over the concentration."""
     name = policy or contenders(results)[0]
     style = look(name)
-    figure = Figure(figsize=(WIDTH, 0.5 * WIDTH), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 0.43 * WIDTH), layout="constrained")
     left, right = figure.subplots(1, 2)
     left.plot(*path_of(results, world, name, cell).T, color=style.colour, linewidth=0.6)
-    left.plot(*_centreline(results, name, cell).T, color="#D55E00", linewidth=1.4)
+    left.plot(*_centreline(results, name, cell).T, color=INK, linewidth=1.2)
     left.plot(*results["start_position"].isel(cell=cell).values, "o", color=INK, markersize=3.5, zorder=5)
     _draw_centrelines(right, results, name, count_cells(results, cells), shifted=False, width=1.1)
     for axes in (left, right):
@@ -226,7 +228,7 @@ def radial(
     shade_concentration([left, right], world)
     handles = [
         Line2D([], [], color=style.colour, linewidth=0.8),
-        Line2D([], [], color="#D55E00", linewidth=1.4),
+        Line2D([], [], color=INK, linewidth=1.2),
     ]
     left.legend(handles, ["path", "centreline"], loc="best")
     lettered([left, right])

@@ -92,7 +92,8 @@ def comparison(
         gain.plot(life["time"].values[alive], risen[alive], color=style.colour, linewidth=0.9)
         marks.append((float(risen[alive][-1]), style.label, style.colour))
     gain.set(xlabel="time $t$", ylabel=r"gain $c(t) - c(0)$")
-    gain.set_xlim(0, float(np.nanmax(results["time"].sel(policy=chosen).isel(cell=cell))))
+    steered = [name for name in chosen if name != "swinging"] or chosen
+    gain.set_xlim(0, float(np.nanmax(results["time"].sel(policy=steered).isel(cell=cell))))
     label_beside(gain, marks)
     lettered([lanes[0], path, gain])
     return figure

@@ -7,12 +7,14 @@ import subprocess
 from importlib import metadata
 from pathlib import Path
 
-_PACKAGES = ("chemoswarm", "numpy", "scipy", "torch", "torchrl", "tensordict")
+import swarm
+
+_PACKAGES = ("numpy", "scipy", "torch", "torchrl", "tensordict")
 
 
 def versions(*packages: str) -> dict[str, str]:
     """Versions of Python, of this software and of the `packages` (default: those that numbers depend on)."""
-    found = {"python": platform.python_version()}
+    found = {"python": platform.python_version(), "chemoswarm": swarm.__version__}
     for name in packages or _PACKAGES:
         try:
             found[name] = metadata.version(name)
