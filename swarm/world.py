@@ -80,13 +80,12 @@ class Outcome(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """What a decision does, by action and time left, in columns; column `action · (longest + 2) + min(ticks left,
-    longest + 1)`.
+    """What a decision does: column `action · (longest + 2) + min(ticks left, longest + 1)`.
 
-    The last columns of an action are whole intervals, the others the clipped last interval of a life.
+    The last column of an action is a whole interval, the others are the clipped last interval of a life.
     """
 
-    rows: Array  # (3 + 4 · targets, columns): κ*, duration [time], speed, then the motions of `swimmer`
+    rows: Array  # (3 + 4 · targets, columns): κ*, duration [time], speed, the motions of `swimmer`
     whole: Array  # (actions,) ticks of a whole interval; (1,) where they are all the same
     last: Array  # (1,) longest + 1
     weights: Array  # collocation weights
@@ -328,6 +327,11 @@ class World:
     # --- tables --------------------------------------------------------------------------------------------
 
     @cached_property
+    def _table_width(self) -> int:
+        """Columns of the tables for each action."""
+        return max(self.interval_ticks) + 2
+
+    @cached_property
     def _cached_tables(self) -> dict[Any, Tables]:
         return {}
 
@@ -349,9 +353,8 @@ class World:
 
     def _rows(self) -> np.ndarray:
         """`Tables.rows` in float64."""
-        longest = max(self.interval_ticks)
-        left = np.tile(np.arange(longest + 2), self.n_actions)
-        action = np.repeat(np.arange(self.n_actions), longest + 2)
+        left = np.tile(np.arange(self._table_width), self.n_actions)
+        action = np.repeat(np.arange(self.n_actions), self._table_width)
         whole = np.asarray(self.interval_ticks)[action]
         slack = self.life_ticks * self.tick - self.life  # what is missing of the last tick
         clipped = np.maximum(left * self.tick - slack, 0.0)
@@ -392,7 +395,7 @@ class World:
         pose = Pose(position, heading)
         records = []
         for i in range(self.n_records):
-            curvature, speed, interval = (_by_row(values, past[..., i]) for values in by_action)
+            curvature, speed, interval = (_look_up(values, past[..., i]) for values in by_action)
             records.append(self._record(pose.position, self.normal_curvature(curvature)))
             if i < self.n_records - 1:
                 pose = self._swim_back(pose, curvature, speed, interval)
@@ -499,11 +502,10 @@ class World:
         left = self.life_ticks - state.clock
         if self.egg is not None or self.domains:
             left = xp.where(state.finished, xp.zeros_like(left), left)
-        whole = tables.whole if tables.whole.shape[0] == 1 else _by_row(tables.whole, action)
+        whole = tables.whole if tables.whole.shape[0] == 1 else _look_up(tables.whole, action)
         clock = state.clock + xp.minimum(left, whole)
-        column = action * (tables.last + 1) + xp.minimum(left, tables.last)
-        rows = xp.take(tables.rows, xp.reshape(column, (-1,)), axis=1)
-        rows = xp.reshape(rows, (rows.shape[0], *column.shape))
+        column = action * self._table_width + xp.minimum(left, tables.last)
+        rows = _look_up(tables.rows, column)
         normal_curvature, duration, speed = rows[0, ...], rows[1, ...], rows[2, ...]
         if self.curvature_noise > 0:
             curvature = self._curvature(action, state.position) + self.curvature_noise * noise[..., 1]
@@ -522,12 +524,13 @@ class World:
             for values in (self.curvatures, self.action_speeds, self.intervals)
         )
         left = self.life - self.time(state)
-        whole, speed = _by_row(intervals, action), _by_row(speeds, action)
+        whole, speed = _look_up(intervals, action), _look_up(speeds, action)
         duration = xp.minimum(whole, left)
         duration = xp.where(state.finished | self._time_is_up(state.clock), xp.zeros_like(left), duration)
-        taken = xp.astype(action[..., None] == xp.arange(self.n_actions, dtype=xp.int32), xp.int32)
+        actions = as_array(np.arange(self.n_actions), action)
+        taken = xp.astype(action[..., None] == actions, xp.int32)
         clock = state.clock + xp.where((duration > 0)[..., None], taken, xp.zeros_like(taken))
-        commanded = _by_row(curvatures, action)
+        commanded = _look_up(curvatures, action)
         swum = commanded + self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else commanded
         return clock, self._motion(swum, speed, duration), duration, speed, self.normal_curvature(commanded)
 
@@ -567,7 +570,7 @@ class World:
         return state.memory[..., 0, 1] * contrast + self.mean_curvature
 
     def _curvature(self, action: Array, like: Array) -> Array:
-        return _by_row(as_array(np.asarray(self.curvatures), like), action)
+        return _look_up(as_array(np.asarray(self.curvatures), like), action)
 
     def _record(self, position: Array, normal_curvature: Array, concentration: Array | None = None) -> Array:
         if concentration is None:
@@ -595,7 +598,7 @@ class World:
             curvature = self._curvature(action, pose.position)
             if self.curvature_noise > 0:
                 curvature = curvature + self.curvature_noise * noise[..., 1]  # type: ignore[index]
-            speed = _by_row(as_array(np.asarray(self.action_speeds), pose.position), action)
+            speed = _look_up(as_array(np.asarray(self.action_speeds), pose.position), action)
             nearest = swimmer.closest_approach(state.pose, curvature, speed * duration, centre)
             reached = nearest <= radius
         else:
@@ -606,11 +609,13 @@ class World:
         return reached & ~state.finished
 
 
-def _by_row(table: Array, row: Array) -> Array:
-    """`table[row]` for whole-number arrays of any shape."""
+def _look_up(table: Array, index: Array) -> Array:
+    """`table[..., index]` for whole-number arrays of any shape."""
     xp = namespace(table)
-    taken = xp.take(table, xp.reshape(row, (-1,)), axis=0)
-    return xp.reshape(taken, (*row.shape, *table.shape[1:]))
+    if index.ndim == 1:
+        return xp.take(table, index, axis=-1)
+    taken = xp.take(table, xp.reshape(index, (-1,)), axis=-1)
+    return xp.reshape(taken, (*table.shape[:-1], *index.shape))
 
 
 def _check_curvatures(values: Any) -> tuple[float, ...]:

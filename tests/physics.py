@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -32,8 +34,11 @@ def place_and_heading(pose):
     return np.concatenate([to_numpy(pose.position), to_numpy(pose.heading)], axis=-1)
 
 
-def reference(position, heading, curvature, speed, duration, flow=None):
-    """Position and heading (cells, 4) after `duration`, by an adaptive eighth-order Runge–Kutta method."""
+def reference(position, heading, curvature, speed, duration, flow=None, *, parts=(1.0,)):
+    """Position and heading (cells, 4) after `duration`, by an adaptive eighth-order Runge–Kutta method.
+
+    With several `parts` of the duration, (parts, cells, 4).
+    """
     cells = len(position)
     curvature, speed, duration = (np.broadcast_to(a, cells) for a in (curvature, speed, duration))
 
@@ -48,6 +53,20 @@ def reference(position, heading, curvature, speed, duration, flow=None):
 
     angle = np.arctan2(heading[:, 1], heading[:, 0])
     start = np.concatenate([position[:, 0], position[:, 1], angle])
-    end = solve_ivp(rate, (0, 1), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-    x, y, angle = end.reshape(3, cells)
-    return np.stack([x, y, np.cos(angle), np.sin(angle)], axis=-1)
+    ends = solve_ivp(rate, (0, 1), start, method="DOP853", rtol=1e-12, atol=1e-13, t_eval=parts).y.T
+    x, y, angle = np.moveaxis(ends.reshape(len(parts), 3, cells), 1, 0)
+    path = np.stack([x, y, np.cos(angle), np.sin(angle)], axis=-1)
+    return path[0] if len(parts) == 1 else path
+
+
+def describe(world):
+    """The parameters in which a world differs from the default, for the name of a test."""
+    default = type(world)()
+    return (
+        "-".join(
+            f"{item.name}={getattr(world, item.name)}"
+            for item in dataclasses.fields(world)
+            if getattr(world, item.name) != getattr(default, item.name)
+        )
+        or "default"
+    )
