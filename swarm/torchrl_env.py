@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import functools
+import sys
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,7 +43,8 @@ class SwarmEnv(EnvBase):
     world is set and the world restarts. A row of data is valid where ("swimmers", "done") was False before the step.
 
     Starts come from the same streams as the PettingZoo face: world w of seed s holds rows w · n_swimmers … of that seed's
-    population. With `seeds` given, the worlds are shared out evenly among several independent seeds.
+    population. With `seeds` given, the worlds are shared out evenly among several independent seeds. `compile_step` hands the
+    decision to `torch.compile`, which pays after some ten thousand steps.
     """
 
     batch_locked = True
@@ -57,6 +60,7 @@ class SwarmEnv(EnvBase):
         seed: int = 0,
         seeds: Sequence[int] | None = None,
         population: streams.Population = "training",
+        compile_step: bool = False,
         world: World | None = None,
         **parameters: Any,
     ) -> None:
@@ -73,6 +77,9 @@ class SwarmEnv(EnvBase):
         self.world = World(**parameters) if world is None else world
         self.float_dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
         self.population = population
+        self._decide = functools.partial(_decision, self.world)
+        if compile_step:
+            self._decide = compiled(self._decide)
         super().__init__(device=device, batch_size=torch.Size([self.n_worlds]))
         self._place = torch.device("cpu") if device is None else torch.device(device)
         self._make_specs()
@@ -134,23 +141,15 @@ class SwarmEnv(EnvBase):
         """One decision of every cell, without a TensorDict; does not restart finished worlds."""
         if self.state is None:
             raise RuntimeError("restart() or reset() must come before advance()")
-        was_finished = self.state.finished
-        self.state, outcome = self.world.step(self.state, action, self._noise_now())
+        self.state, result = self._decide(self.state, action, self._noise_now())
         self.decision += 1
         if self.world.has_noise and (due := self.decision % NOISE_BLOCK == 0).any():
             self._refill_noise(due)
-        truncated = outcome.truncated
         if self.max_cycles is not None and (over := self.decision >= self.max_cycles).any():
-            truncated = truncated | (self._tensor(over)[:, None] & ~outcome.terminated)
-            self.state = self.state._replace(finished=self.state.finished | truncated)
-        self.observation = outcome.observation
-        return Transition(
-            outcome.observation,
-            torch.where(was_finished, torch.zeros_like(outcome.reward), outcome.reward),
-            outcome.terminated,
-            truncated,
-            ~was_finished,
-        )
+            result = result._replace(truncated=result.truncated | (self._tensor(over)[:, None] & ~result.terminated))
+            self.state = self.state._replace(finished=self.state.finished | result.truncated)
+        self.observation = result.observation
+        return result
 
     def gain(self) -> Tensor:
         """Gain c(t) − c(0) (worlds, cells) so far [concentration]."""
@@ -284,6 +283,41 @@ class SwarmEnv(EnvBase):
 
     def _tensor(self, values: np.ndarray) -> Tensor:
         return torch.as_tensor(values, device=self._place)
+
+
+def _decision(world: World, state: State, action: Tensor, noise: Tensor | None) -> tuple[State, Transition]:
+    """One decision of every cell; those that were done get no reward."""
+    after, outcome = world.step(state, action, noise)
+    reward = torch.where(state.finished, 0.0, outcome.reward)
+    transition = Transition(outcome.observation, reward, outcome.terminated, outcome.truncated, ~state.finished)
+    return after, transition
+
+
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`function` compiled by torch at its second call; as it is, with one line said, where that does not work.
+
+    The first call runs as it is: it fills the tables that the compiled code takes as given.
+    """
+    fast = torch.compile(function, fullgraph=True, dynamic=False)
+    chosen: list[Callable[..., Any] | None] = []
+
+    def call(*arguments: Any) -> Any:
+        if len(chosen) == 2 and chosen[1] is not None:
+            return chosen[1](*arguments)
+        if not chosen:
+            chosen.append(None)
+            return function(*arguments)
+        try:
+            result = fast(*arguments)
+            chosen.append(fast)
+        except Exception as error:  # no compiler, no headers, an unsupported platform: all end here
+            reason = (str(error).splitlines() or [""])[0][:120]
+            print(f"torch.compile does not work here, going on without: {type(error).__name__}: {reason}", file=sys.stderr)
+            chosen.append(function)
+            result = function(*arguments)
+        return result
+
+    return call
 
 
 def _where(mask: Tensor, new: Tensor, old: Tensor) -> Tensor:

@@ -11,15 +11,21 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from swarm import streams
-from swarm.torchrl_env import SwarmEnv
+from swarm.torchrl_env import SwarmEnv, compiled
 from trainers.q_network import QNetwork
+
+
+def epsilon_greedy(network: QNetwork, observation: Tensor, explores: Tensor, random_action: Tensor) -> Tensor:
+    """Actions (seeds, cells): random where the cell explores, else the best (paper: ε-greedy)."""
+    return torch.where(explores, random_action, network.values(observation).argmax(-1))
 
 
 class Explorer:
     """Steers a `SwarmEnv` whose worlds are shared out among seeds, and hands over what happened."""
 
-    def __init__(self, env: SwarmEnv) -> None:
+    def __init__(self, env: SwarmEnv, *, compile: bool = False) -> None:
         self.env = env
+        self._choose = compiled(epsilon_greedy) if compile else epsilon_greedy
         self.seeds = env.seeds
         self.cells = env.n_worlds // len(env.seeds) * env.n_swimmers  # of each seed
         self.rounds = 0  # which name the draws
@@ -51,8 +57,7 @@ class Explorer:
         assert env.observation is not None
         observations, actions, rewards, terminations, valid = [self._by_seed(env.observation)], [], [], [], []
         for decision in range(decisions):
-            best = network.values(observations[-1]).argmax(-1)
-            action = torch.where(explores[decision], random_action[decision], best)
+            action = self._choose(network, observations[-1], explores[decision], random_action[decision])
             result = env.advance(action.reshape(env.n_worlds, env.n_swimmers))
             observations.append(self._by_seed(result.observation))
             actions.append(action)

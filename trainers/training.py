@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torchrl import torchrl_logger
 
 from swarm import provenance
 from swarm.network import save_policy
@@ -23,6 +25,7 @@ from trainers.runs import METRIC_COLUMNS, RunFolder
 from trainers.settings import LearningSettings, Settings
 from trainers.validating import Validation
 
+WORTH_COMPILING = 100_000  # decisions, from which compiling is the faster way (`benchmarks/training_path.py`)
 MEASURES = METRIC_COLUMNS[2:]  # all but epoch and seed
 
 
@@ -57,14 +60,18 @@ class Training:
         self.seeds = settings.seeds
         learning = settings.learning
         world = settings.training_world()
+        fast = settings.compile == "always" or (
+            settings.compile == "auto" and learning.epochs * world.max_decisions >= WORTH_COMPILING
+        )
         self.env = SwarmEnv(
             learning.n_worlds * len(self.seeds),
             None if settings.device == "cpu" else settings.device,
             n_swimmers=learning.n_swimmers,
             seeds=self.seeds,
+            compile_step=fast,
             world=world,
         )
-        self.explorer = Explorer(self.env)
+        self.explorer = Explorer(self.env, compile=fast)
         self.learner = Learner(world.observation_size, world.n_actions, learning, self.seeds, settings.device)
         checked = settings.validation
         self.validation = Validation(
@@ -263,6 +270,7 @@ def train(
     finite; CheckpointError for checkpoints that cannot be used.
     """
     torch.set_num_threads(settings.threads)
+    torchrl_logger.setLevel(logging.WARNING)
     stored = dataclasses.asdict(settings)
     folder = run.path / runs.CHECKPOINTS
     found = checkpoints.read_newest(folder, stored)
@@ -325,7 +333,7 @@ def draw(training: Training, run: RunFolder) -> None:
 @contextmanager
 def _interruptible() -> Iterator[Callable[[], bool]]:
     """Within, the first Ctrl-C or SIGTERM only asks to stop after the epoch; the second one stops at once."""
-    asked = []
+    asked: list[int] = []
 
     def ask(number: int, frame: Any) -> None:
         if asked:

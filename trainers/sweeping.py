@@ -1,0 +1,129 @@
+"""Sweeps: `swarm train -m seed=0,1,2 …` runs every combination, by Hydra's joblib launcher on this machine.
+
+A sweep is a folder of ordinary runs. Called again with the same `hydra.sweep.dir`, it skips what is finished and goes on with
+what is not.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import hydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+
+from trainers.cli import fail
+from trainers.composing import (
+    SettingsError,
+    as_settings,
+    config_folder,
+    register,
+    settings_from,
+    settings_from_stored,
+)
+
+SWEEP_FOLDER = "hydra.sweep.dir="
+LAUNCHER = "hydra/launcher="
+JOBS = "hydra.launcher.n_jobs="
+
+
+def sweep(words: Sequence[str]) -> None:
+    """Check every combination, then run them all; ends with exit code 1 where one of them failed."""
+    words = list(words)
+    plain = [word for word in words if not word.startswith(("hydra.", "hydra/"))]
+    try:
+        combinations = expanded(plain)
+        for combination in combinations:
+            settings_from(combination)
+    except SettingsError as error:
+        fail(error)
+    folder = next((word.removeprefix(SWEEP_FOLDER) for word in words if word.startswith(SWEEP_FOLDER)), None)
+    if folder is None:
+        folder = f"runs/sweep-{datetime.now():%Y%m%d-%H%M%S}"
+        words.append(SWEEP_FOLDER + folder)
+    if not any(word.startswith(LAUNCHER) for word in words):
+        words.append(LAUNCHER + "joblib")
+        if not any(word.startswith(JOBS) for word in words):
+            words.append(JOBS + "2")
+    # the folder of a run holds only what the run writes; its name says what is swept
+    words += ["hydra.output_subdir=null", "hydra.sweep.subdir=${hydra.job.override_dirname}"]
+    values = [dict(word.split("=", 1) for word in combination) for combination in combinations]
+    fixed = [key for key in values[0] if len({each[key] for each in values}) == 1]
+    words.append(f"hydra.job.config.override_dirname.exclude_keys=[{','.join(fixed)}]")
+    words += ["hydra/job_logging=disabled", "hydra/hydra_logging=disabled"]
+    print(f"{len(combinations)} runs in {folder}")
+    trouble = _launch(words)
+    done = sum(finished(path) for path in Path(folder).iterdir()) if Path(folder).is_dir() else 0
+    if done < len(combinations):
+        fail(
+            f"{len(combinations) - done} of {len(combinations)} runs did not finish{trouble}; "
+            f"the same command with {SWEEP_FOLDER}{folder} goes on with them"
+        )
+    print(f"all {len(combinations)} runs are in {folder}; swarm compare {folder}/* shows them side by side")
+
+
+def finished(path: Path) -> bool:
+    """Whether `path` is the folder of a finished run."""
+    from trainers import runs
+
+    return runs.is_run_folder(path) and runs.RunFolder(path).finished
+
+
+def expanded(words: Sequence[str]) -> list[list[str]]:
+    """Every combination of the values with commas."""
+    from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+
+    try:
+        parsed = OverridesParser.create().parse_overrides(list(words))
+        batches = BasicSweeper.split_arguments(parsed, max_batch_size=None)
+    except HydraException as error:
+        raise SettingsError(str(error).splitlines()[0]) from None
+    return [list(combination) for batch in batches for combination in batch]
+
+
+def _launch(words: list[str]) -> str:
+    """Hand the sweep to Hydra; returns what became of the launcher itself, where that is worth saying."""
+    register()
+    command = hydra.main(version_base="1.3", config_path=str(config_folder()), config_name="config")(run_one)
+    before = sys.argv
+    sys.argv = ["swarm", "--multirun", *words]
+    try:
+        command()
+    except (Exception, SystemExit) as error:  # a worker that is killed takes the whole launcher with it
+        return f" ({type(error).__name__})"
+    finally:
+        sys.argv = before
+    return ""
+
+
+def run_one(config: Any) -> None:
+    """One run of a sweep, in the folder Hydra has chosen; what goes wrong is said and does not stop the others."""
+    from hydra.core.hydra_config import HydraConfig
+
+    from trainers import checkpoints, runs, training
+
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    try:
+        if runs.is_run_folder(folder):
+            run, stored = runs.RunFolder.open(folder)
+            if run.finished:
+                return
+            settings = settings_from_stored(stored)
+        else:
+            settings = as_settings(config)
+            run = runs.RunFolder.create(folder, settings)
+        done = training.train(settings, run)
+        training.draw(done, run)
+        run.mark_finished()
+    except (
+        SettingsError,
+        runs.RunError,
+        checkpoints.CheckpointError,
+        training.TrainingError,
+        OSError,
+    ) as error:
+        print(f"swarm: {folder.name}: {error}", file=sys.stderr)
