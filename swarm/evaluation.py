@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from swarm import files, provenance
-from swarm.network import POLICY_FILE, ZOO, PolicyError, load_policy
+from swarm.network import ZOO, load_policy
+from swarm.policy_files import POLICY_FILE, PolicyError
 from swarm.population import population_test
 from swarm.results import RIVAL, save_population
 from swarm.statistics import statistics

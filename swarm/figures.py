@@ -142,10 +142,14 @@ def _flow_panels(results: xr.Dataset, world: World, policies: Sequence[str], cel
     panels = figure.subplots(1, len(policies), sharex=True, sharey=True, squeeze=False)[0]
     for axes, name in zip(panels, policies, strict=True):
         _draw_centrelines(axes, results, name, count_cells(results, cells), shifted=False)
+        around_egg(axes, world)
         axes.set_xlabel("$x$")
     panels[0].set_ylabel("$y$")
+    for other in panels[1:]:  # the panels share their scales: the first one makes room for all
+        panels[0].update_datalim(other.dataLim.corners())
+    frame(panels[0])
     for axes in panels:
-        frame(axes)
+        axes.set_aspect("equal", adjustable="box")
     (left, right), (bottom, top) = panels[0].get_xlim(), panels[0].get_ylim()
     width = (WIDTH - 1.2) / len(policies)
     figure.set_size_inches(WIDTH, min(9.0, max(2.6, width * (top - bottom) / (right - left) + 0.8)))
@@ -154,7 +158,7 @@ def _flow_panels(results: xr.Dataset, world: World, policies: Sequence[str], cel
         return np.linalg.norm(world.flow.velocity(position), axis=-1)
 
     for axes, name in zip(panels, policies, strict=True):
-        mesh = shade(axes, flow_speed, BRIGHT_IS_FAST, (0.0, world.flow.speed_scale))
+        mesh = shade(axes, flow_speed, BRIGHT_IS_FAST, (0.0, None))
         axes.set_title(look(name).label, loc="left")
     lettered(panels)
     figure.colorbar(mesh, ax=list(panels), label="flow speed $|u|$", shrink=0.6, aspect=30, pad=0.015)
