@@ -170,15 +170,15 @@ class Collocation:
         """
         xp = namespace(pose.position)
         step = duration / self.substeps
-        table = xp.reshape(weights, (*weights.shape, *(1,) * step.ndim))  # (targets, nodes, ...)
+        table = xp.reshape(weights, (*weights.shape, *(1,) * step.ndim)) * step  # (targets, nodes, ...)
         path = []
         for _ in range(self.substeps):
-            pose, places = self._substep(pose, motions, speed, step, table, flow)
+            pose, places = self._substep(pose, motions, speed, table, flow)
             path.append(places)
         return pose, path[0] if self.substeps == 1 else xp.concat(path, axis=0)
 
     def _substep(
-        self, pose: Pose, motions: Motion, speed: Array, step: Array, table: Array, flow: Flow
+        self, pose: Pose, motions: Motion, speed: Array, table: Array, flow: Flow
     ) -> tuple[Pose, Array]:
         position_x, position_y = components(pose.position)
         heading = components(pose.heading)
@@ -187,20 +187,24 @@ class Collocation:
         ahead, aside = turned(heading, motions.forward, motions.leftward)
         arc_x, arc_y = position_x + ahead, position_y + aside  # (targets, ...)
         tangent_x, tangent_y = turned(heading, motions.cosine, motions.sine)
+        along_x, along_y = speed * tangent_x[:n, ...], speed * tangent_y[:n, ...]
         x, y = arc_x[:n, ...], arc_y[:n, ...]
         for sweep in range(self.sweeps):
             last = sweep == self.sweeps - 1
-            weights = table if last else table[:n, ...]
             flow_x, flow_y, spin = velocity_and_spin(flow, x, y)
-            turn = step * _integral(weights, spin)  # φ (targets, ...)
+            turn = _integral(table if last else table[:n, ...], spin)  # φ (targets, ...)
             sine, cosine = xp.sin(turn), xp.cos(turn)
-            node_sine, fall = sine[:n, ...], cosine[:n, ...] - 1
-            rate_x = speed * (fall * tangent_x[:n, ...] - node_sine * tangent_y[:n, ...]) + flow_x
-            rate_y = speed * (fall * tangent_y[:n, ...] + node_sine * tangent_x[:n, ...]) + flow_y
-            x = (arc_x if last else arc_x[:n, ...]) + step * _integral(weights, rate_x)
-            y = (arc_y if last else arc_y[:n, ...]) + step * _integral(weights, rate_y)
+            rise, fall = sine[:n, ...], cosine[:n, ...] - 1
+            rate_x = fall * along_x - rise * along_y + flow_x
+            rate_y = fall * along_y + rise * along_x + flow_y
+            wanted = (
+                slice(n, None) if last else slice(n)
+            )  # in the end the outputs and the end, else the nodes
+            x = arc_x[wanted, ...] + _integral(table[wanted, ...], rate_x)
+            y = arc_y[wanted, ...] + _integral(table[wanted, ...], rate_y)
         end = turned((tangent_x[-1, ...], tangent_y[-1, ...]), cosine[-1, ...], sine[-1, ...])
-        return Pose(join(x[-1, ...], y[-1, ...]), unit(*end)), join(x[n:-1, ...], y[n:-1, ...])
+        path = join(x, y)
+        return Pose(path[-1, ...], unit(*end)), path[:-1, ...]
 
 
 def _integral(weights: Array, rate: Array) -> Array:
