@@ -98,8 +98,61 @@ def evaluate_from(
     noise: float,
     out: Path | None,
 ) -> None:
-    """`swarm evaluate`."""
-    raise NotImplementedError
+    """`swarm evaluate`; without an experiment, the world of the test is the policy's own."""
+    from swarm import evaluation
+    from swarm.network import PolicyError
+
+    try:
+        settings = test_settings(policy, experiment)
+        test = settings.evaluation
+        done = evaluation.evaluate(
+            policy,
+            settings.test_world().replace(concentration_noise=noise),
+            experiment=settings.experiment,
+            cells=test.cells if cells is None else cells,
+            life=test.life if life is None else life,
+            seed=seed,
+            out=out,
+        )
+    except (SettingsError, PolicyError, OSError, ValueError, TypeError) as error:
+        fail(error)
+    show_table(done.table)
+    limit = done.summary["limit"]
+    print(
+        "limit: none is known for this world"
+        if limit is None
+        else f"limit: {limit:.2f}, which no policy can exceed"
+    )
+    if out is not None:
+        print(f"results and figures are in {out}")
+
+
+def test_settings(policy: str, experiment: str | None) -> Settings:
+    """Settings of an experiment, or those a trained policy's card tells of, else of linear_n4."""
+    from swarm.evaluation import STRATEGIES
+    from swarm.network import load_policy
+
+    if experiment is not None:
+        return settings_from([f"experiment={experiment}"])
+    if policy in STRATEGIES:
+        return settings_from([])
+    card = load_policy(policy).card
+    stored = {name: card["settings"][name] for name in ("world", "evaluation")} if "settings" in card else {}
+    return settings_from_stored({"experiment": str(card.get("experiment", "own")), **stored})
+
+
+def show_table(rows: list[list[str]]) -> None:
+    """Print rows under the headings in the first of them."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for index, heading in enumerate(rows[0]):
+        table.add_column(heading, justify="right" if index else "left", no_wrap=True)
+    for row in rows[1:]:
+        table.add_row(*row)
+    console = Console()
+    Console(width=max(console.width, 100)).print(table)
 
 
 def described(settings: Settings) -> str:
