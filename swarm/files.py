@@ -4,10 +4,24 @@ from __future__ import annotations
 
 import os
 import shutil
+import stat
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+
+def read_bytes(path: str | os.PathLike, *, at_most: int) -> bytes:
+    """The content of an ordinary file; raises ValueError for anything else and for more bytes than that."""
+    about = os.stat(path)
+    if not stat.S_ISREG(about.st_mode):
+        raise ValueError(f"{path} must be an ordinary file")
+    if about.st_size <= at_most:
+        with open(path, "rb") as file:
+            data = file.read(at_most + 1)
+        if len(data) <= at_most:
+            return data
+    raise ValueError(f"{path} must have at most {at_most} bytes, got {about.st_size}")
 
 
 @contextmanager

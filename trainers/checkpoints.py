@@ -1,7 +1,8 @@
-"""Checkpoints: folders of one tensor file and a manifest with a checksum of both, written whole or not at all, the last few kept.
+"""Checkpoints: folders of a tensor file and a manifest, with one checksum, written whole or not at all.
 
-TorchRL's Checkpoint is not used: it pickles, and replaces a checkpoint in place without waiting for the disk. Here nothing
-that is read can run, and a crash at any instant leaves the previous checkpoint valid.
+The last few are kept. TorchRL's Checkpoint is not used: it pickles, and replaces a checkpoint in place
+without waiting for the disk. Here nothing that is read can run, and a crash at any instant leaves the
+previous checkpoint valid.
 """
 
 from __future__ import annotations
@@ -50,10 +51,11 @@ def write(
 def read_newest(
     folder: Path, settings: dict[str, Any], *, at_most: int = MAX_TENSORS
 ) -> tuple[dict[str, Tensor], dict[str, Any], list[str]] | None:
-    """The newest valid checkpoint's tensors and record, and what was wrong with newer ones; None where there is none.
+    """The newest valid checkpoint's tensors and record, and what was wrong with newer ones; None if there is
+    none.
 
-    Tensor files of more than `at_most` bytes are not read. Raises CheckpointError for one from a newer version or from other
-    settings, and where all there are are damaged.
+    Tensor files of more than `at_most` bytes are not read. Raises CheckpointError for one from a newer
+    version or from other settings, and where all there are are damaged.
     """
     complaints: list[str] = []
     for path in reversed(_listed(folder)):
