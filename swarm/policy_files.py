@@ -54,7 +54,8 @@ def read_bytes(path: Path) -> bytes:
 
 def check_header(data: bytes) -> tuple[dict[str, tuple[int, ...]], dict[str, Any]]:
     """Shapes of the tensors and the card; raises PolicyError before anything of their size is allocated."""
-    if data[:1] == b"\x80" or data[:2] == b"PK" or data[:4] in (b"cos\n", b"cpos"):
+    # A safetensors header begins with a brace after its length, whose first byte may be any.
+    if data[8:9] != b"{" and data[:1] in (b"\x80", b"P", b"c", b"("):
         raise PolicyError(
             "it looks like a pickle, which could run anything; a policy must be a safetensors file"
         )
