@@ -31,7 +31,7 @@ def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:
     chosen = dtype if dtype is not None else like.dtype
     try:
         return xp.asarray(values, dtype=chosen, device=like.device)
-    except TypeError:  # a tracer has no device
+    except (AttributeError, TypeError):  # a tracer has no device
         return xp.asarray(values, dtype=chosen)
 
 

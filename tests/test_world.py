@@ -15,11 +15,21 @@ from swarm.starts import Starts, draw_noise, draw_starts
 from swarm.world import State, World
 
 
+@functools.cache
+def functions(xp, world):
+    """The world's `start` and `step`, in jax compiled: op by op it is slow."""
+    if not xp.__name__.startswith("jax"):
+        return world.start, world.step
+    jax = pytest.importorskip("jax")
+    return jax.jit(world.start), jax.jit(world.step)
+
+
 def begin(xp, world, cells, *, seed=0, dtype=None):
     """The state of `cells` cells at their drawn starts."""
     position, heading, past = draw_starts(world, cells, seed)
     dtype = dtype or xp.float64
-    return world.start(array(xp, position, dtype), array(xp, heading, dtype), array(xp, past, xp.int64))
+    start, _ = functions(xp, world)
+    return start(array(xp, position, dtype), array(xp, heading, dtype), array(xp, past, xp.int64))
 
 
 def actions(world, decisions, cells, seed=0):
@@ -33,7 +43,7 @@ def live(xp, world, cells, decisions, *, seed=0, dtype=None, noise=False):
     kicks = draw_noise(seed, cells, decisions) if noise else None
     for turn, action in enumerate(actions(world, decisions, cells, seed)):
         kick = array(xp, kicks[:, turn], dtype or xp.float64) if noise else None
-        state, outcome = world.step(state, array(xp, action, xp.int64), kick)
+        state, outcome = functions(xp, world)[1](state, array(xp, action, xp.int64), kick)
         states.append(state)
         outcomes.append(outcome)
     return states, outcomes
@@ -91,7 +101,8 @@ def test_poses_after_random_actions_are_those_of_the_reference(xp, index):
 @pytest.mark.parametrize("world", WORLDS[:20:3] + WORLDS[20::3], ids=describe)
 def test_swimming_the_past_forward_leads_back_to_the_start(xp, world):
     position, heading, past = draw_starts(world, 5, 1)
-    state = world.start(array(xp, position), array(xp, heading), array(xp, past, xp.int64))
+    start, step = functions(xp, world)
+    state = start(array(xp, position), array(xp, heading), array(xp, past, xp.int64))
     seen = to_numpy(state.memory)
     # the oldest record is where the remembered path began; walk it with the reference
     curvature, speed, interval = (
@@ -107,11 +118,11 @@ def test_swimming_the_past_forward_leads_back_to_the_start(xp, world):
         )
         np.testing.assert_allclose(seen[:, i, 1], world.normal_curvature(curvature[:, i]), atol=1e-12)
         here = reference(here[:, :2], here[:, 2:], curvature[:, i], speed[:, i], -interval[:, i], flow)
-    back = world.start(
+    back = start(
         array(xp, here[:, :2]), array(xp, np.arctan2(here[:, 3], here[:, 2])), array(xp, past, xp.int64)
     )
     for i in reversed(range(world.n_records)):
-        back, _ = world.step(back, array(xp, past[:, i], xp.int64))
+        back, _ = step(back, array(xp, past[:, i], xp.int64))
     tolerance = 1e-5 if world.in_flow else 1e-11
     np.testing.assert_allclose(to_numpy(back.position), position, rtol=0, atol=tolerance)
     np.testing.assert_allclose(to_numpy(back.heading), direction, rtol=0, atol=tolerance)
@@ -203,7 +214,7 @@ def test_clocks_end_at_exactly_the_life(xp, world, decisions, dtype):
     for turn, action in enumerate(actions(world, world.max_decisions + 2, 4)):
         before = state
         time_before = to_numpy(world.time(state))
-        state, outcome = world.step(state, array(xp, action, xp.int64))
+        state, outcome = functions(xp, world)[1](state, array(xp, action, xp.int64))
         time = to_numpy(world.time(state))
         assert np.all(time >= time_before)
         assert np.all(time <= dtype_of(time)(world.life))
@@ -464,13 +475,14 @@ def test_leading_axes_are_many_worlds(xp, flow):
     action = actions(world, 3, 12)
 
     def run(shape):
-        state = world.start(
+        start, step = functions(xp, world)
+        state = start(
             array(xp, position.reshape(*shape, 2)),
             array(xp, heading.reshape(shape)),
             array(xp, past.reshape(*shape, 4), xp.int64),
         )
         for turn in action:
-            state, outcome = world.step(state, array(xp, turn.reshape(shape), xp.int64))
+            state, outcome = step(state, array(xp, turn.reshape(shape), xp.int64))
         return state, outcome
 
     flat, many = run((12,)), run((2, 3, 2))
