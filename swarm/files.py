@@ -68,6 +68,8 @@ def new_folder(path: str | os.PathLike) -> Iterator[Path]:
     Raises FileExistsError unless `path` is new or an empty folder. Parents are made.
     """
     target = check_new_folder(path)
+    if target.exists() and target.samefile(Path.cwd()):  # it would be swapped under the caller's feet
+        raise FileExistsError(f"{target} must be a new folder, not the current one")
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = _sibling(target)
     temporary.mkdir()

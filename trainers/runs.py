@@ -6,8 +6,10 @@ import csv
 import dataclasses
 import io
 import json
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,8 @@ from trainers.settings import Settings
 
 SETTINGS, PROVENANCE, METRICS, TIMINGS = "settings.yaml", "run.json", "metrics.csv", "timings.csv"
 POLICY, FIGURE, CHECKPOINTS = "policy.safetensors", "training.png", "checkpoints"
+LOCK = ".lock"
+MAX_TEXT = 2**18  # [bytes] of settings and provenance
 
 # What the columns of metrics.csv mean is defined where they are computed: `training.Training._measure`.
 METRIC_COLUMNS = (
@@ -59,29 +63,47 @@ class RunFolder:
 
     @classmethod
     def create(cls, path: Path, settings: Settings) -> RunFolder:
-        """A new folder with settings and provenance; refuses one that is already there."""
-        files.check_new_folder(path)
-        path.mkdir(parents=True, exist_ok=True)
-        run = cls(path)
+        """A new folder with settings and provenance, whole or not at all; refuses one that is there."""
         record = {"versions": provenance.versions(), "commit": provenance.commit(), "seeds": settings.seeds}
-        files.write_text(path / PROVENANCE, json.dumps(record, indent=2) + "\n")
-        # last, because a folder with settings is a run that can be resumed
-        files.write_text(path / SETTINGS, yaml.safe_dump(dataclasses.asdict(settings), sort_keys=False))
-        return run
+        with files.new_folder(path) as folder:
+            (folder / PROVENANCE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+            text = yaml.safe_dump(dataclasses.asdict(settings), sort_keys=False)
+            (folder / SETTINGS).write_text(text, encoding="utf-8")
+        return cls(path)
 
     @classmethod
     def open(cls, path: Path) -> tuple[RunFolder, dict[str, Any]]:
-        """An existing run and its stored settings, as plain data."""
+        """An existing run and its stored settings, as plain data; nothing in the folder can run."""
         file = Path(path) / SETTINGS
         try:
-            stored = yaml.safe_load(file.read_text(encoding="utf-8"))
-        except FileNotFoundError:
+            stored = yaml.load(files.read_bytes(file, at_most=MAX_TEXT).decode(), _PlainLoader)
+        except (FileNotFoundError, NotADirectoryError):
             raise RunError(f"resume must name the folder of a run, with its {SETTINGS}, got {path}") from None
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise RunError(f"{file} must be a run's settings, but cannot be read: {error}") from None
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
+            reason = " ".join(str(error).split())
+            raise RunError(f"{file} must be a run's settings, but cannot be read: {reason}") from None
         if not isinstance(stored, dict):
             raise RunError(f"{file} must be a run's settings, but holds {type(stored).__name__}")
         return cls(Path(path)), stored
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Within, no other process works on this run; raises RunError where one does.
+
+        The operating system lets go of the lock when the process ends, however it ends.
+        """
+        import fcntl
+
+        with (self.path / LOCK).open("a") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise RunError(
+                    f"{self.path} is being trained by another process: wait for it or stop it"
+                ) from None
+            except OSError:  # a file system without locks
+                pass
+            yield
 
     @property
     def policy(self) -> Path:
@@ -91,12 +113,27 @@ class RunFolder:
     @property
     def finished(self) -> bool:
         """Whether the run has come to its end."""
-        return self.policy.exists() and bool(json.loads((self.path / PROVENANCE).read_text()).get("finished"))
+        return self.policy.exists() and self.record.get("finished") is True
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What the run was made with: versions, commit, seeds."""
+        try:
+            record = json.loads(files.read_bytes(self.path / PROVENANCE, at_most=MAX_TEXT))
+        except (OSError, ValueError, RecursionError):
+            return {}
+        return record if isinstance(record, dict) else {}
 
     def mark_finished(self) -> None:
         """Say that the run has come to its end."""
-        record = json.loads((self.path / PROVENANCE).read_text())
-        files.write_text(self.path / PROVENANCE, json.dumps(record | {"finished": True}, indent=2) + "\n")
+        record = self.record | {"finished": True}
+        files.write_text(self.path / PROVENANCE, json.dumps(record, indent=2) + "\n")
+
+    def tidy(self) -> None:
+        """Remove what killed writes left behind; only for the one process that owns the run."""
+        for path in self.path.glob(".*.*"):
+            if re.fullmatch(r"\..+\.[0-9a-f]{12}", path.name) and path.is_file():
+                path.unlink(missing_ok=True)
 
     def seed_folder(self, seed: int) -> Path:
         """Where a seed's policy lies in a run of several."""
@@ -107,9 +144,19 @@ class RunFolder:
         files.write_text(self.path / name, _table(columns, rows, header=True))
 
     def append(self, name: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
-        """Further rows of a table."""
-        with (self.path / name).open("a", encoding="utf-8", newline="") as file:
+        """Further rows of a table, which must be there."""
+        descriptor = os.open(self.path / name, os.O_WRONLY | os.O_APPEND)
+        with open(descriptor, "a", encoding="utf-8", newline="") as file:
             file.write(_table(columns, rows, header=False))
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Plain data only; aliases, with which a small file can stand for an endless one, are refused."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("it must not hold aliases")
+        return super().compose_node(parent, index)
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
