@@ -34,12 +34,10 @@ class Pose(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """An arc in the frame of the cell that swims it."""
+    """An arc as its swimmer sees it: two vectors, the chord [length] and then the heading at the end."""
 
-    forward: Array  # (...) [length]
-    leftward: Array  # (...) [length]
-    cosine: Array  # (...) of the turn
-    sine: Array  # (...)
+    ahead: Array  # (2, ...) their components along the heading at the start
+    aside: Array  # (2, ...) their components to the left of it
 
 
 def arc(curvature: Array, speed: Array, duration: Array) -> Motion:
@@ -55,7 +53,9 @@ def arc(curvature: Array, speed: Array, duration: Array) -> Motion:
     chord = length * xp.where(
         straight, xp.ones_like(half), sine / xp.where(straight, xp.ones_like(half), half)
     )
-    return Motion(chord * cosine, chord * sine, 1 - 2 * sine * sine, 2 * sine * cosine)
+    return Motion(
+        xp.stack([chord * cosine, 1 - 2 * sine * sine]), xp.stack([chord * sine, 2 * sine * cosine])
+    )
 
 
 # Vectors are worked on by component: array libraries are slow on last axes of two.
@@ -89,10 +89,8 @@ def unit(x: Array, y: Array) -> Array:
 
 def along_arc(pose: Pose, motion: Motion) -> Pose:
     """The pose after a motion (..., cells) in still water."""
-    x, y = components(pose.position)
-    heading = components(pose.heading)
-    ahead, aside = turned(heading, motion.forward, motion.leftward)
-    return Pose(join(x + ahead, y + aside), unit(*turned(heading, motion.cosine, motion.sine)))
+    x, y = turned(components(pose.heading), *motion)
+    return Pose(pose.position + join(x[0, ...], y[0, ...]), unit(x[1, ...], y[1, ...]))
 
 
 @dataclass(frozen=True)
@@ -155,11 +153,11 @@ class Collocation:
         return (self.targets[:, None] ** (powers + 1) / (powers + 1)) @ np.linalg.inv(vandermonde)
 
     def motions(self, curvature: Array, speed: Array, duration: Array) -> Motion:
-        """Motions (targets, ...) along the arc from the start of a substep to each target."""
+        """Motions (2, targets, ...) along the arc from the start of a substep to each target."""
         xp = namespace(duration)
         step = duration / self.substeps
         by_target = [arc(curvature, speed, float(target) * step) for target in self.targets]
-        return Motion(*(xp.stack(parts, axis=0) for parts in zip(*by_target, strict=True)))
+        return Motion(*(xp.stack(parts, axis=1) for parts in zip(*by_target, strict=True)))
 
     def swim(
         self, pose: Pose, motions: Motion, speed: Array, duration: Array, weights: Array, flow: Flow
@@ -184,9 +182,9 @@ class Collocation:
         heading = components(pose.heading)
         xp = namespace(position_x)
         n = self.nodes
-        ahead, aside = turned(heading, motions.forward, motions.leftward)
-        arc_x, arc_y = position_x + ahead, position_y + aside  # (targets, ...)
-        tangent_x, tangent_y = turned(heading, motions.cosine, motions.sine)
+        moved_x, moved_y = turned(heading, *motions)  # (2, targets, ...)
+        arc_x, arc_y = position_x + moved_x[0, ...], position_y + moved_y[0, ...]  # (targets, ...)
+        tangent_x, tangent_y = moved_x[1, ...], moved_y[1, ...]
         along_x, along_y = speed * tangent_x[:n, ...], speed * tangent_y[:n, ...]
         x, y = arc_x[:n, ...], arc_y[:n, ...]
         for sweep in range(self.sweeps):
@@ -208,7 +206,7 @@ class Collocation:
 
 
 def _integral(weights: Array, rate: Array) -> Array:
-    """Σ weights (targets, nodes, ...) · rate (nodes, ...), in an order that does not depend on the number of cells."""
+    """Σ weights (targets, nodes, ...) · rate (nodes, ...), in the same order however many cells there are."""
     total = weights[:, 0, ...] * rate[0, ...]
     for node in range(1, rate.shape[0]):
         total = total + weights[:, node, ...] * rate[node, ...]

@@ -172,7 +172,7 @@ class World:
 
     # --- what follows from the parameters ------------------------------------------------------------------
 
-    @property
+    @cached_property
     def n_actions(self) -> int:
         """m, the number of curvatures."""
         return len(self.curvatures)
@@ -201,7 +201,7 @@ class World:
         """N_T · features."""
         return self.n_records * self.features
 
-    @property
+    @cached_property
     def mean_curvature(self) -> float:
         """κ̄ [1 / length]."""
         return 0.5 * (self.curvatures[0] + self.curvatures[-1])
@@ -218,12 +218,12 @@ class World:
         """T = 2π/(κ̄ v) with each action [time] (paper: average period)."""
         return tuple(2 * math.pi / (self.mean_curvature * speed) for speed in self.action_speeds)
 
-    @property
+    @cached_property
     def has_common_tick(self) -> bool:
         """Whether all intervals are whole numbers of one tick."""
         return self.interval_rule == "truncated" or len(set(self.action_speeds)) == 1
 
-    @property
+    @cached_property
     def tick(self) -> float:
         """Unit of the clock [time]: Δt, or one decision where intervals are exact."""
         return self.time_step if self.interval_rule == "truncated" else self.periods[0] / self.n_records
@@ -253,23 +253,23 @@ class World:
         """The most decisions a life can take."""
         return math.ceil(self.life / min(self.intervals) - 1e-9)
 
-    @property
+    @cached_property
     def has_noise(self) -> bool:
         """Whether any perturbation is on, so that `step` needs noise."""
         return max(self.concentration_noise, self.curvature_noise, self.rotational_diffusion) > 0
 
-    @property
+    @cached_property
     def in_flow(self) -> bool:
         """Whether there is a flow to integrate."""
         return not isinstance(self.flow, StillWater)
 
-    @property
+    @cached_property
     def reward_scale(self) -> float:
         """Reward per change of a normalised record: c_k/κ̄ over N_T c_k |1/κ₁ − 1/κ_m|."""
         contrast = abs(1 / self.curvatures[0] - 1 / self.curvatures[-1])
         return 1 / (self.mean_curvature * self.n_records * contrast)
 
-    @property
+    @cached_property
     def record_scale(self) -> float:
         """κ̄/c_k, by which records hold concentrations."""
         return self.mean_curvature / self.field.gradient_scale
@@ -361,10 +361,11 @@ class World:
         duration = np.where(left > whole, np.asarray(self.intervals)[action], clipped)
         curvature, speed = np.asarray(self.curvatures)[action], np.asarray(self.action_speeds)[action]
         motion = self._motion(curvature, speed, duration)
-        return np.vstack([self.normal_curvature(curvature), duration, speed, *motion])
+        parts = (part.reshape(-1, len(left)) for part in motion)
+        return np.vstack([self.normal_curvature(curvature), duration, speed, *parts])
 
     def _motion(self, curvature: Array, speed: Array, duration: Array) -> Motion:
-        """Motion (...) of an arc, or in a flow of all the scheme's targets (targets, ...)."""
+        """Motion (2, ...) of an arc, or in a flow to all the scheme's targets (2, targets, ...)."""
         if not self.in_flow:
             return swimmer.arc(curvature, speed, duration)
         return self.scheme.motions(curvature, speed, duration)
@@ -512,7 +513,7 @@ class World:
             motion = self._motion(curvature, speed, duration)
         else:
             parts = xp.reshape(rows[3:, ...], (4, -1, *column.shape)) if self.in_flow else rows[3:, ...]
-            motion = Motion(*(parts[i, ...] for i in range(4)))
+            motion = Motion(parts[:2, ...], parts[2:, ...])
         return clock, motion, duration, speed, normal_curvature
 
     def _counted_interval(self, state: State, action: Array, noise: Array | None) -> tuple[Array, ...]:
