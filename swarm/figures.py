@@ -48,6 +48,7 @@ __all__ = [
     "centrelines_and_gains",
     "comparison",
     "gains",
+    "groups",
     "noise_sweep",
     "path_of",
     "radial",
@@ -316,4 +317,32 @@ def noise_sweep(
         axes.fill_between(levels, *np.transpose(band), color=style.colour, alpha=0.2, linewidth=0)
     axes.set(xlabel=label, ylabel=r"mean gain $\Delta c$")
     axes.legend(loc="best")
+    return figure
+
+
+@styled
+def groups(rows: Sequence[tuple[Mapping[str, Any], np.ndarray]]) -> Figure:
+    """Mean gains of groups of runs: every seed (seeds,), the mean with its interval, greedy and the limit.
+
+    A row holds `runs`, `mean`, `low`, `high`, `greedy` and `limit`; None where there is no number.
+    """
+    figure = Figure(figsize=(WIDTH, 0.7 + 0.42 * len(rows)), layout="constrained")
+    axes = figure.subplots()
+    style, rival = look("dqn"), look(RIVAL)
+    for place, (row, seeds) in enumerate(rows):
+        axes.plot(seeds, np.full(len(seeds), place), "o", color=style.colour, alpha=0.35, markersize=4)
+        if row["low"] is not None:
+            axes.plot([row["low"], row["high"]], [place, place], color=style.colour, linewidth=2.4)
+        axes.plot(
+            row["mean"], place, "D", color=style.colour, markersize=5, label="mean, 95% interval, seeds"
+        )
+        axes.plot(row["greedy"], place, rival.marker, color=rival.colour, markersize=5, label=rival.label)
+        if row["limit"] is not None:
+            axes.plot([row["limit"]] * 2, [place - 0.3, place + 0.3], color=INK, label="limit")
+    axes.set_yticks(range(len(rows)), [str(row["runs"]) for row, _ in rows])
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xlabel(r"mean gain $\Delta c$")
+    handles, labels = axes.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    figure.legend(list(unique.values()), list(unique), loc="outside upper right", ncols=len(unique))
     return figure

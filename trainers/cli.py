@@ -59,6 +59,27 @@ def evaluate(
     launching.evaluate_from(policy, experiment, cells, life, seed, noise, out)
 
 
+@app.command()
+def compare(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of finished runs.", metavar="RUN RUN ...")],
+    cells: Annotated[int, typer.Option(help="Test cells.")] = 40,
+    seed: Annotated[int, typer.Option(help="Seed of the test population.")] = 0,
+    out: Annotated[Path | None, typer.Option(help="New folder for the table and the figure.")] = None,
+) -> None:
+    """Put runs side by side, with intervals over seeds."""
+    from trainers import launching
+
+    launching.compare_from(folders, cells, seed, out)
+
+
+@app.command()
+def check() -> None:
+    """Run every check of the environments' interfaces there is, warnings as errors."""
+    from trainers import launching
+
+    launching.check_from()
+
+
 def main() -> None:
     """Run the command line."""
     app()

@@ -127,6 +127,35 @@ def evaluate_from(
         print(f"results and figures are in {out}")
 
 
+def compare_from(folders: Sequence[Path], cells: int, seed: int, out: Path | None) -> None:
+    """`swarm compare`."""
+    from swarm.network import PolicyError
+    from trainers import comparing, runs
+
+    try:
+        groups = comparing.compare(folders, cells=cells, seed=seed, out=out)
+    except (runs.RunError, SettingsError, PolicyError, OSError, ValueError, TypeError) as error:
+        fail(error)
+    show_table(comparing.table(groups))
+    if out is not None:
+        print(f"table and figure are in {out}")
+
+
+def check_from() -> None:
+    """`swarm check`; ends with exit code 1 where a check fails."""
+    from swarm.conformance import run_checks
+
+    checks = run_checks()
+    rows = [["check", "result", "detail"]]
+    rows += [
+        [each.name, {True: "passed", False: "FAILED", None: "skipped"}[each.passed], each.detail]
+        for each in checks
+    ]
+    show_table(rows)
+    if any(each.passed is False for each in checks):
+        raise SystemExit(1)
+
+
 def test_settings(policy: str, experiment: str | None) -> Settings:
     """Settings of an experiment, or those a trained policy's card tells of, else of linear_n4."""
     from swarm.evaluation import STRATEGIES
