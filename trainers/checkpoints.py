@@ -19,6 +19,7 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from swarm import files
+from trainers.runs import RunError
 
 FORMAT = 1  # raised whenever what is stored changes its meaning; how the checksum is made never changes
 KEPT = 2
@@ -27,7 +28,7 @@ MAX_MANIFEST = 2**20  # [bytes]
 MAX_TENSORS = 2**36  # [bytes] where the caller knows no lower limit
 
 
-class CheckpointError(RuntimeError):
+class CheckpointError(RunError):
     """A checkpoint that cannot be used."""
 
 

@@ -42,7 +42,7 @@ TIMING_COLUMNS = ("epoch", "seconds", "decisions_per_second", "updates_per_secon
 
 
 class RunError(RuntimeError):
-    """A run folder that cannot be used as asked."""
+    """A run that cannot go on as asked; the message says why and what can be done."""
 
 
 def default_folder(settings: Settings, parent: Path = Path("runs")) -> Path:
@@ -142,6 +142,10 @@ class RunFolder:
     def rewrite(self, name: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
         """A table from its beginning: what a killed run wrote after its last checkpoint goes."""
         files.write_text(self.path / name, _table(columns, rows, header=True))
+
+    def rows(self, name: str) -> list[dict[str, str]]:
+        """A table's rows, none where it is not there."""
+        return read_table(self.path / name) if (self.path / name).is_file() else []
 
     def append(self, name: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
         """Further rows of a table, which must be there."""

@@ -1,10 +1,11 @@
-"""Training: collect, learn, validate, keep; a run that is stopped anywhere goes on as if it had never been."""
+"""Training: collect, learn, validate, keep; a run stopped anywhere goes on as if it had never been."""
 
 from __future__ import annotations
 
 import dataclasses
 import logging
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,22 +19,25 @@ from torchrl import torchrl_logger
 from swarm import provenance
 from swarm.network import save_policy
 from swarm.torchrl_env import SwarmEnv
+from swarm.world import World
 from trainers import checkpoints, runs
+from trainers.checkpoints import CheckpointError
 from trainers.collecting import Explorer
 from trainers.dqn import Learner
-from trainers.runs import METRIC_COLUMNS, RunFolder
+from trainers.runs import METRIC_COLUMNS, RunError, RunFolder
 from trainers.settings import LearningSettings, Settings
 from trainers.validating import Validation
 
 WORTH_COMPILING = 100_000  # decisions, from which compiling is the faster way (`benchmarks/training_path.py`)
+Log = Callable[[list[dict[str, Any]], dict[str, Any]], None]
 MEASURES = METRIC_COLUMNS[2:]  # all but epoch and seed
 
 
-class TrainingError(RuntimeError):
+class TrainingError(RunError):
     """Training cannot go on."""
 
 
-class Interrupted(RuntimeError):
+class Interrupted(RunError):
     """The user stopped the run; everything is saved."""
 
 
@@ -63,15 +67,8 @@ class Training:
         fast = settings.compile == "always" or (
             settings.compile == "auto" and learning.epochs * world.max_decisions >= WORTH_COMPILING
         )
-        self.env = SwarmEnv(
-            learning.n_worlds * len(self.seeds),
-            None if settings.device == "cpu" else settings.device,
-            n_swimmers=learning.n_swimmers,
-            seeds=self.seeds,
-            compile_step=fast,
-            world=world,
-        )
-        self.explorer = Explorer(self.env, compile=fast)
+        self.explorer = self._make_explorer(world, fast)
+        self.env = self.explorer.env
         self.learner = Learner(world.observation_size, world.n_actions, learning, self.seeds, settings.device)
         checked = settings.validation
         self.validation = Validation(
@@ -84,7 +81,19 @@ class Training:
         self.best = self.learner.played.flat.clone()
         self.measures = np.zeros((0, len(self.seeds), len(MEASURES)))
 
-    # --- one epoch --------------------------------------------------------------------------------------------------
+    def _make_explorer(self, world: World, compile: bool) -> Explorer:
+        settings = self.settings
+        env = SwarmEnv(
+            settings.learning.n_worlds * len(self.seeds),
+            None if settings.device == "cpu" else settings.device,
+            n_swimmers=settings.learning.n_swimmers,
+            seeds=self.seeds,
+            compile_step=compile,
+            world=world,
+        )
+        return Explorer(env, compile=compile)
+
+    # --- one epoch ------------------------------------------------------------------------------------------
 
     def run_epoch(self) -> None:
         """One life of every cell, with rounds of updates in between, then validation where it is due."""
@@ -97,6 +106,7 @@ class Training:
             epsilon = epsilon_at(learning, self.epoch, progress)
             decisions = min(learning.collect or longest, longest - done)
             rows = self.explorer.collect(self.learner.online, epsilon, decisions)
+            self._check_rewards(rows["reward"])
             self.learner.remember(rows)
             done += len(rows) // self.explorer.cells
             loss, value = self.learner.learn(
@@ -115,6 +125,7 @@ class Training:
         """Mean gain (seeds,) of the greedy policies; the best one of each seed is kept."""
         network = self.learner.played
         gain = self.validation.gains(network)
+        self._check_finite("gain", gain)
         better = gain > self.best_gain if self.settings.learning.keep == "best" else np.ones(len(gain), bool)
         self.best_gain = np.where(better, gain, self.best_gain)
         self.best_epoch = np.where(better, self.epoch, self.best_epoch)
@@ -122,11 +133,33 @@ class Training:
         self.best = torch.where(mask, network.flat, self.best)
         return gain
 
+    def _check_rewards(self, reward: Tensor) -> None:
+        """Raises TrainingError where a reward (rows, seeds) is not finite: it would spoil the buffer for
+        good.
+        """
+        wrong = ~reward.isfinite()
+        if wrong.any():
+            row, place = wrong.nonzero()[0].tolist()
+            raise TrainingError(
+                f"reward must be finite, got {reward[row, place]} for cell {row % self.explorer.cells} of "
+                f"seed {self.seeds[place]} in epoch {self.epoch + 1}: the field or the flow gives such values"
+            )
+
+    def _check_finite(self, name: str, values: np.ndarray) -> None:
+        """Raises TrainingError where a seed's value (seeds,) is not finite."""
+        for seed, value in zip(self.seeds, values, strict=True):
+            if not np.isfinite(value):
+                raise TrainingError(
+                    f"{name} must be finite, got {value} in epoch {self.epoch} of seed {seed}: "
+                    "a lower learning.learning_rate may help"
+                )
+
     def _measure(self, losses: Tensor, values: Tensor, epsilon: float, gain: np.ndarray) -> None:
         """This epoch's row of metrics for each seed; raises TrainingError where something is not finite.
 
-        training_gain: mean gain of the training cells, which explore; loss, q_mean: means over the epoch's rounds of the last
-        batch's loss and chosen value; gain, fraction_of_limit: validation (NaN where none was due).
+        training_gain: mean gain of the training cells, which explore; loss, q_mean: means over the epoch's
+        rounds of the last batch's loss and chosen value; gain, fraction_of_limit: validation (NaN where none
+        was due).
         """
         training_gain = self.explorer.gains().double().mean(-1)
         limits = self.validation.limits
@@ -144,17 +177,14 @@ class Training:
         }
         for place, name in enumerate(MEASURES):
             row[:, place] = columns[name]
-        for name in ("training_gain", "loss", "q_mean"):
-            for seed, value in zip(self.seeds, row[:, MEASURES.index(name)], strict=True):
-                if not np.isfinite(value):
-                    raise TrainingError(
-                        f"{name} must be finite, got {value} in epoch {self.epoch} of seed {seed}; "
-                        "a lower learning.learning_rate may help, or the field or flow gives such values"
-                    )
+        checked = {name: columns[name] for name in ("training_gain", "loss", "q_mean")}
+        checked["sum of the weights"] = self.learner.online.flat.double().sum(-1).cpu().numpy()
+        for name, checked_values in checked.items():
+            self._check_finite(name, checked_values)
         self.measures = np.concatenate([self.measures, row[None]])
 
     def latest_validation(self) -> tuple[float, float]:
-        """Mean over seeds of this epoch's validation gain and fraction of the limit; NaN where none was due."""
+        """This epoch's validation gain and fraction of the limit, mean over seeds; NaN where none was due."""
         means = self.measures[-1].mean(0)
         return float(means[MEASURES.index("gain")]), float(means[MEASURES.index("fraction_of_limit")])
 
@@ -167,7 +197,7 @@ class Training:
                 kept = {name: None if np.isnan(value) else value for name, value in values.items()}
                 yield {"epoch": index + 1, "seed": seed, **kept, **whole}
 
-    # --- what a checkpoint holds ------------------------------------------------------------------------------------
+    # --- what a checkpoint holds ----------------------------------------------------------------------------
 
     def tensors(self) -> dict[str, Tensor]:
         """Networks, optimiser, buffer, environment, kept policies and metrics.
@@ -197,8 +227,70 @@ class Training:
             "cursor": learner.buffer.writer.state_dict()["_cursor"],
         }
 
+    def _template(self) -> dict[str, Tensor]:
+        """Tensors as a checkpoint of this run holds them, with one row of the buffer and one epoch of
+        metrics.
+        """
+        seeds, flat = len(self.seeds), self.learner.online.flat
+        explorer = self._make_explorer(self.env.world, compile=False)
+        explorer.env.restart()
+        rows = explorer.collect(self.learner.online, 1.0, 1)[:1]
+        held = {"online": flat, "target": flat, "played": flat, "best": flat}
+        held |= {"optimiser.step": torch.zeros(()), "optimiser.exp_avg": flat, "optimiser.exp_avg_sq": flat}
+        held |= {"best_gain": torch.as_tensor(self.best_gain), "best_epoch": torch.as_tensor(self.best_epoch)}
+        held["measures"] = torch.zeros(1, seeds, len(MEASURES), dtype=torch.float64)
+        held |= {f"buffer.{name}": value for name, value in rows.items()}
+        return held | {f"env.{name}": value for name, value in explorer.env.state_dict_of_env().items()}
+
+    def largest_checkpoint(self) -> int:
+        """Bytes that the tensor file of a checkpoint can have at most."""
+        learning, size = self.settings.learning, 2**20  # the header
+        for name, value in self._template().items():
+            rows = learning.buffer_size if name.startswith("buffer.") else 1
+            size += value.nbytes * (learning.epochs if name == "measures" else rows)
+        return size
+
+    def _check_held(self, tensors: dict[str, Tensor], record: dict[str, int]) -> None:
+        """Raises CheckpointError unless these are the tensors and counters of such a run."""
+        learning, template = self.settings.learning, self._template()
+        counters = self.record()
+        for name in counters:
+            if type(record.get(name)) is not int or record[name] < 0:
+                raise CheckpointError(f"checkpoint's {name} must be a whole number, got {record.get(name)!r}")
+        if tensors.keys() != template.keys():
+            other = ", ".join(sorted(tensors.keys() ^ template.keys()))
+            raise CheckpointError(f"checkpoint must hold what this run needs, but differs in {other}")
+        rows = len(tensors["buffer.action"]) if tensors["buffer.action"].ndim else 0
+        for name, expected in template.items():
+            value, shape = tensors[name], tuple(expected.shape)
+            if name == "measures":
+                shape = (record["epoch"], *shape[1:])
+            elif name.startswith("buffer."):
+                shape = (rows, *shape[1:])
+            if value.dtype != expected.dtype or tuple(value.shape) != shape:
+                raise CheckpointError(
+                    f"checkpoint's {name} must be {expected.dtype} {shape}, "
+                    f"got {value.dtype} {tuple(value.shape)}"
+                )
+        action = tensors["buffer.action"]
+        if (
+            not 0 < rows <= learning.buffer_size
+            or action.min() < 0
+            or action.max() >= self.env.world.n_actions
+        ):
+            raise CheckpointError(
+                f"checkpoint's buffer must hold 1 to {learning.buffer_size} rows of known actions"
+            )
+        if record["epoch"] > learning.epochs or record["cursor"] > learning.buffer_size:
+            raise CheckpointError(
+                f"checkpoint's epoch must be at most {learning.epochs}, got {record['epoch']}"
+            )
+
     def restore(self, tensors: dict[str, Tensor], record: dict[str, int]) -> None:
-        """Go on from what `tensors` and `record` gave."""
+        """Go on from what `tensors` and `record` gave; raises CheckpointError where they are not of such a
+        run.
+        """
+        self._check_held(tensors, record)
         learner = self.learner
         held = {name: value.to(learner.device) for name, value in tensors.items()}
         for network, name in (
@@ -223,7 +315,7 @@ class Training:
         learner.updates, learner.rounds = record["updates"], record["learning_rounds"]
         self.explorer.rounds = record["collecting_rounds"]
 
-    # --- what comes out ---------------------------------------------------------------------------------------------
+    # --- what comes out -------------------------------------------------------------------------------------
 
     def policy_card(self, place: int) -> dict[str, Any]:
         """What a policy file says of itself: no times, no paths."""
@@ -264,48 +356,27 @@ class Training:
 def train(
     settings: Settings, run: RunFolder, *, report: Callable[[Training, float], None] | None = None
 ) -> Training:
-    """Train to the end in a run's folder, going on from its newest checkpoint; `report` is called after each epoch.
+    """Train to the end in a run's folder, going on from its newest checkpoint; `report` is called after each
+    epoch.
 
-    Raises Interrupted after Ctrl-C or SIGTERM, when the epoch is finished and saved; TrainingError for numbers that are not
-    finite; CheckpointError for checkpoints that cannot be used.
+    Raises Interrupted after Ctrl-C or SIGTERM, when the epoch is finished and saved; TrainingError for
+    numbers that are not finite; CheckpointError for checkpoints that cannot be used; RunError where another
+    process trains the run.
     """
-    torch.set_num_threads(settings.threads)
     torchrl_logger.setLevel(logging.WARNING)
-    stored = dataclasses.asdict(settings)
-    folder = run.path / runs.CHECKPOINTS
-    found = checkpoints.read_newest(folder, stored)
-    with torch.inference_mode():
-        training = Training(settings)
-        if found is not None:
-            training.restore(*found[:2])
-        run.rewrite(runs.METRICS, METRIC_COLUMNS, list(training.metric_rows()))
-        run.rewrite(runs.TIMINGS, runs.TIMING_COLUMNS, [])
-        logger = _logger(settings, run)
-        with _interruptible() as stop:
+    torch.set_num_threads(settings.threads)
+    with run.locked(), torch.inference_mode():
+        training = _ready(settings, run)
+        with _logging(settings, run) as log, _interruptible() as asked_to_stop:
             while training.epoch < settings.learning.epochs:
-                started, decisions, updates = (
-                    time.perf_counter(),
-                    training.decisions,
-                    training.learner.updates,
-                )
-                training.run_epoch()
-                seconds = time.perf_counter() - started
-                rows = list(training.metric_rows(training.epoch - 1))
-                run.append(runs.METRICS, METRIC_COLUMNS, rows)
-                timing = {
-                    "epoch": training.epoch,
-                    "seconds": seconds,
-                    "decisions_per_second": (training.decisions - decisions) / seconds,
-                    "updates_per_second": (training.learner.updates - updates) / seconds,
-                }
-                run.append(runs.TIMINGS, runs.TIMING_COLUMNS, [timing])
-                logger(rows, timing)
+                seconds = _epoch(training, run, log)
                 last = training.epoch == settings.learning.epochs
-                if last or stop() or training.epoch % settings.checkpoint_every == 0:
-                    checkpoints.write(folder, training.epoch, training.tensors(), training.record(), stored)
+                stopping = asked_to_stop() and not last
+                if last or stopping or training.epoch % settings.checkpoint_every == 0:
+                    _save(training, run)
                 if report is not None:
                     report(training, seconds)
-                if stop() and not last:
+                if stopping:
                     raise Interrupted(
                         f"stopped after epoch {training.epoch}; to go on: swarm train resume={run.path}"
                     )
@@ -313,8 +384,60 @@ def train(
     return training
 
 
+def _ready(settings: Settings, run: RunFolder) -> Training:
+    """A training as its newest valid checkpoint left it, else at its beginning, and its tables likewise."""
+    folder = run.path / runs.CHECKPOINTS
+    run.tidy()
+    checkpoints.tidy(folder)
+    training = Training(settings)
+    at_most = training.largest_checkpoint() if folder.is_dir() else 0
+    found = checkpoints.read_newest(folder, dataclasses.asdict(settings), at_most=at_most)
+    if found is not None:
+        tensors, record, complaints = found
+        try:
+            training.restore(tensors, record)
+        except CheckpointError as error:
+            raise CheckpointError(f"{folder}: {error}") from None
+        for complaint in complaints:
+            print(f"{complaint}; going on from epoch {training.epoch}", file=sys.stderr)
+    run.rewrite(runs.METRICS, METRIC_COLUMNS, list(training.metric_rows()))
+    timings = [row for row in run.rows(runs.TIMINGS) if 0 < float(row["epoch"]) <= training.epoch]
+    run.rewrite(runs.TIMINGS, runs.TIMING_COLUMNS, timings)
+    return training
+
+
+def _epoch(training: Training, run: RunFolder, log: Log) -> float:
+    """One epoch and its rows in the tables; returns the seconds it took."""
+    started, decisions, updates = time.perf_counter(), training.decisions, training.learner.updates
+    training.run_epoch()
+    seconds = time.perf_counter() - started
+    rows = list(training.metric_rows(training.epoch - 1))
+    run.append(runs.METRICS, METRIC_COLUMNS, rows)
+    timing = {
+        "epoch": training.epoch,
+        "seconds": seconds,
+        "decisions_per_second": (training.decisions - decisions) / seconds,
+        "updates_per_second": (training.learner.updates - updates) / seconds,
+    }
+    run.append(runs.TIMINGS, runs.TIMING_COLUMNS, [timing])
+    log(rows, timing)
+    return seconds
+
+
+def _save(training: Training, run: RunFolder) -> None:
+    checkpoints.write(
+        run.path / runs.CHECKPOINTS,
+        training.epoch,
+        training.tensors(),
+        training.record(),
+        dataclasses.asdict(training.settings),
+    )
+
+
 def draw(training: Training, run: RunFolder) -> None:
-    """The training figure: validation gain against epoch, with the limit and greedy (paper: evolution of the gain)."""
+    """The training figure: validation gain against epoch, with the limit and greedy (paper: evolution of the
+    gain).
+    """
     from swarm import figures
 
     gain = training.measures[:, :, MEASURES.index("gain")]
@@ -353,7 +476,8 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-def _logger(settings: Settings, run: RunFolder) -> Callable[[list[dict[str, Any]], dict[str, Any]], None]:
+@contextmanager
+def _logging(settings: Settings, run: RunFolder) -> Iterator[Log]:
     """Writes each epoch's rows to TensorBoard and Weights & Biases, where these are wanted."""
     loggers: list[Any] = []
     if settings.tensorboard:
@@ -375,4 +499,8 @@ def _logger(settings: Settings, run: RunFolder) -> Callable[[list[dict[str, Any]
             for name in runs.TIMING_COLUMNS[1:]:
                 logger.log_scalar(f"time/{name}", timing[name], step=timing["epoch"])
 
-    return log
+    try:
+        yield log
+    finally:
+        if settings.tensorboard:
+            loggers[0].experiment.close()
