@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable, Mapping
 from time import perf_counter
 
 
-def best_times(calls: Mapping[str, Callable[[], object]], *, seconds: float = 2.0, rounds: int = 40) -> dict[str, float]:
-    """Seconds per call of each, the best of interleaved rounds that take about `seconds` altogether."""
-    share = seconds / rounds / len(calls)
+def best_times(
+    calls: Mapping[str, Callable[[], object]], *, seconds: float = 2.0, turn: float = 1e-3
+) -> dict[str, float]:
+    """Seconds per call of each, the best of rounds in which every call has its turn of about `turn` seconds.
+
+    Turns are short, so that some of them fall between what else the machine does.
+    """
     counts = {}
     for name, call in calls.items():
         call()
         start = perf_counter()
         call()
-        counts[name] = max(1, round(share / max(perf_counter() - start, 1e-7)))
+        counts[name] = max(1, round(turn / max(perf_counter() - start, 1e-7)))
     best = dict.fromkeys(calls, float("inf"))
-    for _ in range(rounds):
+    end = perf_counter() + seconds
+    while perf_counter() < end:
         for name, call in calls.items():
-            gc.collect(0)
             repeats = range(counts[name])
             start = perf_counter()
             for _ in repeats:

@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 for _kind, _maker in (("parallel", "parallel_env"), ("aec", "env")):
-    _register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=f"swarm.sperm_swarm_v0:{_maker}")  # type: ignore[call-overload]
+    _register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=f"swarm.sperm_swarm_v0:{_maker}")
 
 
 def __getattr__(name: str) -> Any:
