@@ -1,4 +1,6 @@
-"""The command `swarm`: train, evaluate, and what else is done from a shell. Heavy imports wait until they are needed."""
+"""The command `swarm`: train, evaluate, and what else is done from a shell. Heavy imports wait until they are
+needed.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +30,8 @@ def fail(error: BaseException | str) -> NoReturn:
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     help="""Train a policy: `swarm train experiment=linear_n4 recipe=swarm seed=0 key=value …`
 
-    `hydra.run.dir=DIR` chooses the folder, `resume=DIR` goes on with a run, `-m` sweeps over values with commas
-    (`seed=0,1,2`), `--show` prints the settings and ends.""",
+    `hydra.run.dir=DIR` chooses the folder, `resume=DIR` goes on with a run, `-m` sweeps over values with
+    commas (`seed=0,1,2`), `--show` prints the settings and ends.""",
 )
 def train(context: typer.Context) -> None:
     """Train a policy."""

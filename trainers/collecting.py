@@ -45,10 +45,11 @@ class Explorer:
         return torch.stack(draws, dim=2)
 
     def collect(self, network: QNetwork, epsilon: float, decisions: int) -> TensorDict:
-        """Up to `decisions` decisions of every cell, fewer when all lives end; rows (decisions · cells, seeds).
+        """Up to `decisions` decisions of every cell, fewer when all lives end; rows (decisions · cells,
+        seeds).
 
-        With probability ε a uniformly random action, else the best (paper: ε-greedy). Rows of cells that were done before
-        are not `valid`.
+        With probability ε a uniformly random action, else the best (paper: ε-greedy). Rows of cells that were
+        done before are not `valid`.
         """
         env, m = self.env, self.env.world.n_actions
         coin, choice = self._uniform(decisions).unbind(1)

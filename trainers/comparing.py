@@ -66,9 +66,11 @@ class Group(NamedTuple):
 def compare(
     folders: Sequence[Path], *, cells: int = 40, seed: int = 0, out: Path | None = None
 ) -> list[Group]:
-    """Test the policies of finished runs on the same cells; writes comparison.csv, comparison.json and comparison.png.
+    """Test the policies of finished runs on the same cells; writes comparison.csv, comparison.json and
+    comparison.png.
 
-    Folders that hold no run are passed over where others do. Raises RunError where none does or a run is not finished.
+    Folders that hold no run are passed over where others do. Raises RunError where none does or a run is not
+    finished.
     """
     if out is not None:
         files.check_new_folder(out)

@@ -28,9 +28,10 @@ def dqn_loss(
 ) -> LossOutcome:
     """The DQN loss (paper: loss function; van Hasselt et al. 2016 with `double`) and its gradient.
 
-    `batch` (seeds, rows): `observation`, `next_observation` (…, inputs), `action`, `reward`, `terminated`, and `valid`, the
-    rows that count. The target r + γ Q(s′) bootstraps unless terminated; a life cut short by time is not a termination.
-    Equal to `torchrl.objectives.DQNLoss` where every row is valid (a test holds it), without its overhead.
+    `batch` (seeds, rows): `observation`, `next_observation` (…, inputs), `action`, `reward`, `terminated`,
+    and `valid`, the rows that count. The target r + γ Q(s′) bootstraps unless terminated; a life cut short by
+    time is not a termination. Equal to `torchrl.objectives.DQNLoss` where every row is valid (a test holds
+    it), without its overhead.
     """
     following = target.values(batch["next_observation"])
     if double:
@@ -54,7 +55,9 @@ def dqn_loss(
 
 
 class SeedSampler(Sampler):
-    """Uniform rows for every seed from its own generator: TorchRL storage with items (seeds, …) -> (seeds, rows, …)."""
+    """Uniform rows for every seed from its own generator: TorchRL storage with items (seeds, …) -> (seeds,
+    rows, …).
+    """
 
     def __init__(self, generators: list[torch.Generator]) -> None:
         super().__init__()
@@ -112,7 +115,9 @@ class Learner:
         self.buffer.writer.load_state_dict({"_cursor": cursor})
 
     def learn(self, learning_rate: Any) -> tuple[Tensor, Tensor]:
-        """One round of updates; `learning_rate` maps the count of updates to a rate. Returns loss and value (seeds,)."""
+        """One round of updates; `learning_rate` maps the count of updates to a rate. Returns loss and value
+        (seeds,).
+        """
         settings = self.settings
         for draws, seed in zip(self._draws, self.seeds, strict=True):
             draws.manual_seed(streams.integer_seed("training", "replay", seed, self.rounds))

@@ -30,7 +30,8 @@ def train_from(words: Sequence[str]) -> None:
     if resumed:
         if plain or folders or len(resumed) > 1:
             fail(
-                f"resume goes on with the settings stored in the run, nothing else may be given, got {' '.join(words)}"
+                "resume goes on with the settings stored in the run, nothing else may be given, got "
+                + " ".join(words)
             )
         return resume(Path(resumed[0]))
     try:
@@ -45,48 +46,93 @@ def train_from(words: Sequence[str]) -> None:
 
 def begin(settings: Settings, folder: Path | None) -> None:
     """Train in a new folder."""
+    from swarm import files
     from trainers import runs
 
+    folder = folder or runs.default_folder(settings)
     try:
-        run = runs.RunFolder.create(folder or runs.default_folder(settings), settings)
-    except OSError as error:
+        files.check_new_folder(folder)
+        print(described(settings))
+        prepared = prepare(settings)
+        run = runs.RunFolder.create(folder, settings)
+    except SettingsError as error:
         fail(error)
-    print(described(settings))
-    carry_on(settings, run)
+    except OSError as error:
+        fail(file_trouble(error))
+    carry_on(prepared, run)
 
 
 def resume(path: Path) -> None:
     """Go on with a run."""
+    from swarm import provenance
     from trainers import runs
 
     try:
         run, stored = runs.RunFolder.open(path)
         settings = settings_from_stored(stored)
         if run.finished:
-            print(f"{path} is finished after {settings.learning.epochs} epochs; nothing is left to do")
-            return
-    except (runs.RunError, SettingsError, OSError) as error:
+            print(f"{path} is finished after {settings.learning.epochs} epochs; nothing is left to learn")
+            return test_after(settings, run)
+        prepared = prepare(settings)
+    except (runs.RunError, SettingsError) as error:
         fail(error)
-    carry_on(settings, run)
+    except OSError as error:
+        fail(file_trouble(error))
+    then, now = run.record.get("versions"), provenance.versions()
+    if isinstance(then, dict) and (changed := [name for name in now if then.get(name) != now[name]]):
+        print(
+            f"{', '.join(changed)} changed since the run began: it goes on, but not bit for bit",
+            file=sys.stderr,
+        )
+    carry_on(prepared, run)
 
 
-def carry_on(settings: Settings, run: Any) -> None:
-    """Train to the end, draw the training figure, and test the kept policy where that is wanted."""
+def prepare(settings: Settings) -> Any:
+    """A training that is ready to begin; raises SettingsError where settings or machine do not do."""
+    from trainers.machine import check_machine
+
+    check_machine(settings)
+    from trainers.training import Training
+
     try:
-        from trainers import checkpoints, training
-    except ImportError as error:
-        fail(f"training needs the extra packages of chemoswarm[train]: {error}")
+        return Training(settings)
+    except (TypeError, ValueError, MemoryError) as error:
+        raise SettingsError(str(error) or "there is not enough memory for these settings") from None
+
+
+def carry_on(prepared: Any, run: Any) -> None:
+    """Train to the end, draw the training figure, and test the kept policy where that is wanted."""
+    from trainers import runs, training
+
+    settings = prepared.settings
+    how = f"to go on: swarm train resume={run.path}"
     started = time.perf_counter()
     try:
-        done = training.train(settings, run, report=progress_line(settings))
-        training.draw(done, run)
+        training.train(prepared, run, report=progress_line(settings))
+        training.draw(prepared, run)
         run.mark_finished()
-    except (checkpoints.CheckpointError, training.TrainingError, training.Interrupted, OSError) as error:
+    except runs.RunError as error:
         fail(error)
+    except OSError as error:
+        fail(f"{file_trouble(error)}; what was saved before is kept; {how}")
+    except MemoryError:
+        fail(f"there was not enough memory; what was saved before is kept; {how}")
+    except KeyboardInterrupt:
+        fail(f"stopped at once; what was saved before is kept; {how}")
     print(f"trained in {time.perf_counter() - started:.1f} s; policy, metrics and figure are in {run.path}")
-    if settings.evaluate:
-        test = settings.evaluation
-        evaluate_from(str(run.path), None, test.cells, test.life, test.seed, 0.0, run.path / "evaluation")
+    test_after(settings, run)
+
+
+def test_after(settings: Settings, run: Any) -> None:
+    """Test the kept policy where that is wanted and was not done."""
+    folder, test = run.path / "evaluation", settings.evaluation
+    if settings.evaluate and not folder.exists():
+        evaluate_from(str(run.path), None, test.cells, test.life, test.seed, 0.0, folder)
+
+
+def file_trouble(error: OSError) -> str:
+    """What went wrong with which file."""
+    return f"{error.strerror}: {error.filename}" if error.strerror and error.filename else str(error)
 
 
 def evaluate_from(

@@ -1,11 +1,13 @@
-"""The Q-network: one small multilayer perceptron steers every cell; its parameters carry a leading axis of seeds.
+"""The Q-network: one small multilayer perceptron steers every cell; its parameters carry a leading axis of
+seeds.
 
-Values and gradients are written out, because for a network this small autograd's bookkeeping costs more than the
-arithmetic (`benchmarks/training_path.py` measures both); a test holds the gradient equal to autograd's.
+Values and gradients are written out, because for a network this small autograd's bookkeeping costs more than
+the arithmetic (`benchmarks/training_path.py` measures both); a test holds the gradient equal to autograd's.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -19,8 +21,9 @@ from swarm.network import Network
 class QNetwork:
     """Fully connected tanh layers and a linear output, for independent seeds at once (paper: Deep Q-Network).
 
-    Maps observations (seeds, batch, n_inputs) to values (seeds, batch, n_actions); nothing mixes along the leading axis.
-    All parameters of a seed are one row of `flat` (seeds, parameters); `weights` and `biases` are views of it.
+    Maps observations (seeds, batch, n_inputs) to values (seeds, batch, n_actions); nothing mixes along the
+    leading axis. All parameters of a seed are one row of `flat` (seeds, parameters); `weights` and `biases`
+    are views of it.
     """
 
     def __init__(self, flat: Tensor, sizes: Sequence[int]) -> None:
@@ -45,7 +48,7 @@ class QNetwork:
         rows = []
         for generator in generators:
             parts = []
-            for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
+            for inputs, outputs in itertools.pairwise(sizes):
                 bound = math.sqrt(6 / (inputs + outputs))
                 parts += [
                     (2 * torch.rand(inputs * outputs, generator=generator) - 1) * bound,
@@ -71,7 +74,9 @@ class QNetwork:
         return self.layers(observation)[-1]
 
     def gradient(self, layers: list[Tensor], slope: Tensor) -> Tensor:
-        """Gradient (seeds, parameters) of a loss whose `slope` (seeds, batch, n_actions) by the values is given."""
+        """Gradient (seeds, parameters) of a loss whose `slope` (seeds, batch, n_actions) by the values is
+        given.
+        """
         parts: list[Tensor] = []
         for layer in range(len(self.weights) - 1, -1, -1):
             parts = [(layers[layer].mT @ slope).flatten(1), slope.sum(1), *parts]

@@ -164,10 +164,14 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Rows of a table; a last line that was only half written is left out."""
-    text = path.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
-    return [row for row in csv.DictReader(io.StringIO(whole)) if None not in row.values() and None not in row]
+    """Rows of a table; lines that are not whole, as the last one of a killed run may be, are left out."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    rows = csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1]))
+    return [
+        row
+        for row in rows
+        if None not in row.values() and None not in row and row.get("epoch", "").isdecimal()
+    ]
 
 
 def is_run_folder(path: Path) -> bool:

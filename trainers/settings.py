@@ -35,7 +35,9 @@ class WorldSettings:
 
 @dataclass
 class LearningSettings:
-    """How the network learns. The defaults are the paper's (table 2) and, where it is silent, its authors' code's."""
+    """How the network learns. The defaults are the paper's (table 2) and, where it is silent, its authors'
+    code's.
+    """
 
     n_swimmers: int = 1  # cells in a world
     n_worlds: int = 1  # worlds of each seed
@@ -76,7 +78,9 @@ class LearningSettings:
 
 @dataclass
 class ValidationSettings:
-    """The population on which the greedy policy is tested during training; its starts are never trained or tested on."""
+    """The population on which the greedy policy is tested during training; its starts are never trained or
+    tested on.
+    """
 
     cells: int = 40
     life: float = 200.0  # t_life [time]
@@ -109,7 +113,7 @@ class Settings:
     checkpoint_every: int = 10  # epochs
     device: str = "cpu"
     threads: int = 1  # of torch
-    compile: str = "auto"  # "never", "always", or "auto": when a C++ compiler is there and the run is long enough to gain
+    compile: str = "auto"  # "never", "always", or "auto": when the run is long enough to gain
     tensorboard: bool = True
     wandb: bool = False
 

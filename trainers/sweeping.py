@@ -1,7 +1,7 @@
 """Sweeps: `swarm train -m seed=0,1,2 …` runs every combination, by Hydra's joblib launcher on this machine.
 
-A sweep is a folder of ordinary runs. Called again with the same `hydra.sweep.dir`, it skips what is finished and goes on with
-what is not.
+A sweep is a folder of ordinary runs. Called again with the same `hydra.sweep.dir`, it skips what is finished
+and goes on with what is not.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from trainers.composing import (
     settings_from,
     settings_from_stored,
 )
+from trainers.machine import check_machine
 
 SWEEP_FOLDER = "hydra.sweep.dir="
 LAUNCHER = "hydra/launcher="
@@ -38,7 +39,7 @@ def sweep(words: Sequence[str]) -> None:
     try:
         combinations = expanded(plain)
         for combination in combinations:
-            settings_from(combination)
+            check_machine(settings_from(combination))
     except SettingsError as error:
         fail(error)
     folder = next((word.removeprefix(SWEEP_FOLDER) for word in words if word.startswith(SWEEP_FOLDER)), None)
@@ -101,10 +102,13 @@ def _launch(words: list[str]) -> str:
 
 
 def run_one(config: Any) -> None:
-    """One run of a sweep, in the folder Hydra has chosen; what goes wrong is said and does not stop the others."""
+    """One run of a sweep, in the folder Hydra has chosen; what goes wrong is said and does not stop the
+    others.
+    """
     from hydra.core.hydra_config import HydraConfig
 
-    from trainers import checkpoints, runs, training
+    from trainers import runs, training
+    from trainers.launching import prepare
 
     folder = Path(HydraConfig.get().runtime.output_dir)
     try:
@@ -112,18 +116,12 @@ def run_one(config: Any) -> None:
             run, stored = runs.RunFolder.open(folder)
             if run.finished:
                 return
-            settings = settings_from_stored(stored)
+            prepared = prepare(settings_from_stored(stored))
         else:
-            settings = as_settings(config)
-            run = runs.RunFolder.create(folder, settings)
-        done = training.train(settings, run)
-        training.draw(done, run)
+            prepared = prepare(as_settings(config))
+            run = runs.RunFolder.create(folder, prepared.settings)
+        training.train(prepared, run)
+        training.draw(prepared, run)
         run.mark_finished()
-    except (
-        SettingsError,
-        runs.RunError,
-        checkpoints.CheckpointError,
-        training.TrainingError,
-        OSError,
-    ) as error:
+    except (SettingsError, runs.RunError, OSError) as error:
         print(f"swarm: {folder.name}: {error}", file=sys.stderr)

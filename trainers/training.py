@@ -59,7 +59,10 @@ def learning_rate_at(settings: LearningSettings, updates: int, progress: float) 
 class Training:
     """All that a run carries from one epoch to the next."""
 
+    @torch.inference_mode()
     def __init__(self, settings: Settings) -> None:
+        torchrl_logger.setLevel(logging.WARNING)
+        torch.set_num_threads(settings.threads)
         self.settings = settings
         self.seeds = settings.seeds
         learning = settings.learning
@@ -354,19 +357,17 @@ class Training:
 
 
 def train(
-    settings: Settings, run: RunFolder, *, report: Callable[[Training, float], None] | None = None
-) -> Training:
-    """Train to the end in a run's folder, going on from its newest checkpoint; `report` is called after each
-    epoch.
+    training: Training, run: RunFolder, *, report: Callable[[Training, float], None] | None = None
+) -> None:
+    """Train to the end in a run's folder, going on from its newest checkpoint.
 
-    Raises Interrupted after Ctrl-C or SIGTERM, when the epoch is finished and saved; TrainingError for
-    numbers that are not finite; CheckpointError for checkpoints that cannot be used; RunError where another
-    process trains the run.
+    `report` is called after each epoch. Raises Interrupted after Ctrl-C or SIGTERM, when the epoch is
+    finished and saved; TrainingError for numbers that are not finite; CheckpointError for checkpoints that
+    cannot be used; RunError where another process trains the run.
     """
-    torchrl_logger.setLevel(logging.WARNING)
-    torch.set_num_threads(settings.threads)
+    settings = training.settings
     with run.locked(), torch.inference_mode():
-        training = _ready(settings, run)
+        _go_on(training, run)
         with _logging(settings, run) as log, _interruptible() as asked_to_stop:
             while training.epoch < settings.learning.epochs:
                 seconds = _epoch(training, run, log)
@@ -381,15 +382,15 @@ def train(
                         f"stopped after epoch {training.epoch}; to go on: swarm train resume={run.path}"
                     )
         training.save_policies(run)
-    return training
 
 
-def _ready(settings: Settings, run: RunFolder) -> Training:
-    """A training as its newest valid checkpoint left it, else at its beginning, and its tables likewise."""
-    folder = run.path / runs.CHECKPOINTS
+def _go_on(training: Training, run: RunFolder) -> None:
+    """Put a fresh training, and the run's tables, where the newest valid checkpoint left them, if there is
+    one.
+    """
+    folder, settings = run.path / runs.CHECKPOINTS, training.settings
     run.tidy()
     checkpoints.tidy(folder)
-    training = Training(settings)
     at_most = training.largest_checkpoint() if folder.is_dir() else 0
     found = checkpoints.read_newest(folder, dataclasses.asdict(settings), at_most=at_most)
     if found is not None:
@@ -401,9 +402,8 @@ def _ready(settings: Settings, run: RunFolder) -> Training:
         for complaint in complaints:
             print(f"{complaint}; going on from epoch {training.epoch}", file=sys.stderr)
     run.rewrite(runs.METRICS, METRIC_COLUMNS, list(training.metric_rows()))
-    timings = [row for row in run.rows(runs.TIMINGS) if 0 < float(row["epoch"]) <= training.epoch]
+    timings = [row for row in run.rows(runs.TIMINGS) if int(row["epoch"]) <= training.epoch]
     run.rewrite(runs.TIMINGS, runs.TIMING_COLUMNS, timings)
-    return training
 
 
 def _epoch(training: Training, run: RunFolder, log: Log) -> float:

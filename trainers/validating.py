@@ -15,7 +15,9 @@ from trainers.q_network import QNetwork
 
 
 class Validation:
-    """Fixed starts for every seed, drawn from the seed's validation streams; `limits` and `greedy` are (seeds,)."""
+    """Fixed starts for every seed, drawn from the seed's validation streams; `limits` and `greedy` are
+    (seeds,).
+    """
 
     def __init__(self, world: World, cells: int, seeds: list[int], device: str = "cpu") -> None:
         self.world, self.cells, self.seeds, self.device = world, cells, seeds, torch.device(device)
