@@ -51,6 +51,8 @@ def register() -> None:
 def settings_from(words: Sequence[str] = ()) -> Settings:
     """Checked settings from `key=value` words over the files; raises SettingsError."""
     for word in words:
+        if re.match(r"\W*hydra[./]", word):
+            raise SettingsError(f"of Hydra's own keys only hydra.run.dir=DIR may be given, got {word!r}")
         if not re.match(r"[A-Za-z_][\w.@/]*=", word):
             raise SettingsError(f"a setting must be written key=value, got {word!r}")
     register()
@@ -63,7 +65,9 @@ def settings_from(words: Sequence[str] = ()) -> Settings:
 
 
 def settings_from_stored(stored: dict[str, Any]) -> Settings:
-    """Checked settings from what a run has stored; raises SettingsError."""
+    """Checked settings from what a run has stored, which is data only; raises SettingsError."""
+    if "${" in repr(stored):
+        raise SettingsError("stored settings must be plain values, got an interpolation ${…}")
     try:
         return as_settings(OmegaConf.merge(OmegaConf.structured(Settings), stored))
     except OmegaConfBaseException as error:

@@ -146,7 +146,7 @@ def evaluate_from(
 ) -> None:
     """`swarm evaluate`; without an experiment, the world of the test is the policy's own."""
     from swarm import evaluation
-    from swarm.network import PolicyError
+    from swarm.policy_files import PolicyError
 
     try:
         settings = test_settings(policy, experiment)
@@ -160,7 +160,9 @@ def evaluate_from(
             seed=seed,
             out=out,
         )
-    except (SettingsError, PolicyError, OSError, ValueError, TypeError) as error:
+    except OSError as error:
+        fail(file_trouble(error))
+    except (SettingsError, PolicyError, ValueError, TypeError, MemoryError) as error:
         fail(error)
     show_table(done.table)
     limit = done.summary["limit"]
@@ -175,12 +177,14 @@ def evaluate_from(
 
 def compare_from(folders: Sequence[Path], cells: int, seed: int, out: Path | None) -> None:
     """`swarm compare`."""
-    from swarm.network import PolicyError
+    from swarm.policy_files import PolicyError
     from trainers import comparing, runs
 
     try:
         groups = comparing.compare(folders, cells=cells, seed=seed, out=out)
-    except (runs.RunError, SettingsError, PolicyError, OSError, ValueError, TypeError) as error:
+    except OSError as error:
+        fail(file_trouble(error))
+    except (runs.RunError, SettingsError, PolicyError, ValueError, TypeError, MemoryError) as error:
         fail(error)
     show_table(comparing.table(groups))
     if out is not None:
@@ -212,7 +216,9 @@ def test_settings(policy: str, experiment: str | None) -> Settings:
     if policy in STRATEGIES:
         return settings_from([])
     card = load_policy(policy).card
-    stored = {name: card["settings"][name] for name in ("world", "evaluation")} if "settings" in card else {}
+    known = card.get("settings")
+    known = known if isinstance(known, dict) else {}
+    stored = {name: known[name] for name in ("world", "evaluation") if name in known}
     return settings_from_stored({"experiment": str(card.get("experiment", "own")), **stored})
 
 

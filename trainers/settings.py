@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import re
 from dataclasses import dataclass
 from typing import Any
 
-from swarm import streams
 from swarm.checks import check_count, check_name, check_number
+from swarm.policy_files import MAX_FILE, MAX_HEADER, MAX_LAYERS, MAX_WIDTH
 from swarm.world import FIELDS, FLOWS, World
+
+MAX_SEED = 2**63
+MAX_THREADS = 1024
+MAX_PLACE = 1e5  # [length] of a start, where float32 tells places 0.008 apart
 
 
 @dataclass
@@ -149,24 +154,57 @@ def make_world(settings: WorldSettings) -> World:
 
 def check_settings(settings: Settings) -> None:
     """Raises ValueError or TypeError naming the key, the rule and the value."""
-    streams.check_seed(settings.seed)
+    for name in ("experiment", "recipe"):
+        if not getattr(settings, name).isprintable():
+            raise ValueError(f"{name} must be printable text, got {getattr(settings, name)!r}")
     check_count("n_seeds", settings.n_seeds)
+    for name, seed in (("seed", settings.seed), ("evaluation.seed", settings.evaluation.seed)):
+        check_count(name, seed, at_least=0)
+        if seed >= MAX_SEED:
+            raise ValueError(f"{name} must be below 2^63, got {seed}")
     check_name("world.field", settings.world.field, FIELDS)
     check_name("world.flow", settings.world.flow, FLOWS)
-    make_world(settings.world)
+    _check_box(settings.world.start_box)
+    world = make_world(settings.world)
     _check_learning(settings.learning)
+    _check_network(settings.learning, world)
     for name, section in (("validation", settings.validation), ("evaluation", settings.evaluation)):
         check_count(f"{name}.cells", section.cells)
         check_number(f"{name}.life", section.life, above=0.0)
     check_count("validation.every", settings.validation.every)
-    streams.check_seed(settings.evaluation.seed)
     if settings.evaluation.field is not None:
         check_name("evaluation.field", settings.evaluation.field, FIELDS)
+    world.replace(life=settings.validation.life)
+    settings.test_world()
     check_count("checkpoint_every", settings.checkpoint_every)
     check_count("threads", settings.threads)
+    if settings.threads > MAX_THREADS:
+        raise ValueError(f"threads must be at most {MAX_THREADS}, got {settings.threads}")
     if not re.fullmatch(r"cpu|mps|(cuda|xpu)(:\d+)?", settings.device):
         raise ValueError(f"device must be cpu, mps, cuda or cuda:N, got {settings.device!r}")
     check_name("compile", settings.compile, ("never", "always", "auto"))
+
+
+def _check_box(box: list[list[float]] | None) -> None:
+    if box is not None and any(abs(number) > MAX_PLACE for side in box for number in side):
+        raise ValueError(
+            f"world.start_box must lie within ±{MAX_PLACE:g}, beyond which float32 is too coarse, got {box}"
+        )
+
+
+def _check_network(learning: LearningSettings, world: World) -> None:
+    """Raises ValueError where the network would not fit into a policy file."""
+    sizes = (world.observation_size, *learning.hidden, world.n_actions)
+    if len(sizes) > MAX_LAYERS + 1 or max(sizes) > MAX_WIDTH:
+        raise ValueError(
+            f"learning.hidden must be at most {MAX_LAYERS - 1} layers of at most {MAX_WIDTH} nodes, as must be "
+            f"inputs (world.n_records) and actions, got {' → '.join(map(str, sizes))}"
+        )
+    size = 4 * sum(inputs * outputs + outputs for inputs, outputs in itertools.pairwise(sizes))
+    if size > MAX_FILE - MAX_HEADER:
+        raise ValueError(
+            f"learning.hidden must make a policy of at most {MAX_FILE - MAX_HEADER} bytes, got {size}"
+        )
 
 
 def _check_learning(learning: LearningSettings) -> None:
