@@ -338,8 +338,8 @@ class World:
     def tables(self, like: Array) -> Tables:
         """The tables in the array library, dtype and device of `like`."""
         xp = namespace(like)
-        cacheable = xp.__name__.endswith(("numpy", "torch"))  # a tracer must not outlive its trace
-        key = (xp.__name__, like.dtype, str(like.device)) if cacheable else None
+        cacheable = type(like).__module__ in ("numpy", "torch")  # a jax tracer must not outlive its trace
+        key = (type(like).__module__, like.dtype, str(like.device)) if cacheable else None
         tables = self._cached_tables.get(key)
         if tables is None:
             weights = as_array(self.scheme.weights, like) if self.in_flow else None
