@@ -415,11 +415,12 @@ class World:
     def _swim_back(self, pose: Pose, curvature: Array, speed: Array, interval: Array) -> Pose:
         """The pose one interval before, by the scheme of the world: it must not depend on which cells there
         are."""
-        motion = self._motion(curvature, speed, -interval)
         if not self.in_flow:
-            return swimmer.along_arc(pose, motion)
-        weights = as_array(self.scheme.weights, interval)
-        return self.scheme.swim(pose, motion, speed, -interval, weights, self.flow)[0]
+            return swimmer.along_arc(pose, swimmer.arc(curvature, speed, -interval))
+        scheme = dataclasses.replace(self.scheme, outputs=0)
+        motions = scheme.motions(curvature, speed, -interval)
+        weights = as_array(scheme.weights, interval)
+        return scheme.swim(pose, motions, speed, -interval, weights, self.flow)[0]
 
     def _check_start(self, position: Array, heading: Array, past: Array) -> None:
         xp = namespace(position)

@@ -17,11 +17,17 @@ LIBRARIES = {
     "numpy": "numpy",
     "torch": "array_api_compat.torch",
     "array_api_strict": "array_api_strict",
-    "jax": "jax.numpy",  # tested where it is installed
+    "jax": "jax.numpy",  # tested where it is installed; slow, because it compiles every shape
 }
 
 
-@pytest.fixture(params=[name for name in LIBRARIES if importlib.util.find_spec(name)])
+@pytest.fixture(
+    params=[
+        pytest.param(name, marks=[pytest.mark.slow] if name == "jax" else [])
+        for name in LIBRARIES
+        if importlib.util.find_spec(name)
+    ]
+)
 def xp(request):
     """The functions of an array library; physics must not depend on which."""
     if request.param == "jax":
