@@ -197,8 +197,8 @@ def _check_network(learning: LearningSettings, world: World) -> None:
     sizes = (world.observation_size, *learning.hidden, world.n_actions)
     if len(sizes) > MAX_LAYERS + 1 or max(sizes) > MAX_WIDTH:
         raise ValueError(
-            f"learning.hidden must be at most {MAX_LAYERS - 1} layers of at most {MAX_WIDTH} nodes, as must be "
-            f"inputs (world.n_records) and actions, got {' → '.join(map(str, sizes))}"
+            f"learning.hidden must be at most {MAX_LAYERS - 1} layers of at most {MAX_WIDTH} nodes, as must "
+            f"be inputs (world.n_records) and actions, got {' → '.join(map(str, sizes))}"
         )
     size = 4 * sum(inputs * outputs + outputs for inputs, outputs in itertools.pairwise(sizes))
     if size > MAX_FILE - MAX_HEADER:

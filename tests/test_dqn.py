@@ -1,0 +1,278 @@
+"""Deep Q-learning: the loss against TorchRL's, replay, target networks, stacks of seeds."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.data import Categorical, LazyTensorStorage
+from torchrl.modules import QValueActor
+from torchrl.objectives import DQNLoss, SoftUpdate
+
+from trainers.dqn import Learner, SeedSampler, dqn_loss
+from trainers.q_network import QNetwork
+from trainers.settings import LearningSettings
+
+SIZES = (8, 24, 24, 2)
+ROWS = 64
+DISCOUNT = 0.98
+
+
+def network(seeds, first=0):
+    return QNetwork.create(SIZES, [torch.Generator().manual_seed(first + seed) for seed in range(seeds)])
+
+
+def batch(seeds=1, rows=ROWS, draw=0):
+    """Transitions (seeds, rows): some terminated, all valid."""
+    generator = torch.Generator().manual_seed(draw)
+    shape = (seeds, rows)
+    return TensorDict(
+        {
+            "observation": torch.randn(*shape, 8, generator=generator),
+            "next_observation": torch.randn(*shape, 8, generator=generator),
+            "action": torch.randint(2, shape, generator=generator),
+            "reward": 2 * torch.randn(shape, generator=generator),
+            "terminated": torch.rand(shape, generator=generator) < 0.2,
+            "valid": torch.ones(shape),
+        },
+        batch_size=shape,
+    )
+
+
+def torch_module(net):
+    """The same network as a module of torch's own layers."""
+    layers = []
+    for weight, bias in zip(net.weights, net.biases, strict=True):
+        layer = torch.nn.Linear(weight.shape[1], weight.shape[2])
+        layer.weight.data = weight[0].T.clone()
+        layer.bias.data = bias[0, 0].clone()
+        layers += [layer, torch.nn.Tanh()]
+    return torch.nn.Sequential(*layers[:-1])
+
+
+def torchrl_loss(online, target, data, *, double, kind, truncated):
+    """Loss and gradient by torchrl.objectives.DQNLoss."""
+    module = torch_module(online)
+    actor = QValueActor(module, spec=Categorical(2), in_keys=["observation"], action_space="categorical")
+    loss = DQNLoss(
+        actor,
+        action_space="categorical",
+        loss_function={"huber": "smooth_l1", "squared": "l2"}[kind],
+        delay_value=True,
+        double_dqn=double,
+    )
+    loss.make_value_estimator(gamma=DISCOUNT)
+    SoftUpdate(loss, eps=0.5)  # without one, TorchRL warns
+    for name, parameter in leaves(loss.target_value_network_params):
+        parameter.data.copy_(dict(torch_module(target).named_parameters())[name])
+    row = data[0]
+    stock = TensorDict(
+        {
+            "observation": row["observation"],
+            "action": row["action"],
+            "next": {
+                "observation": row["next_observation"],
+                "reward": row["reward"][:, None],
+                "terminated": row["terminated"][:, None],
+                "done": (row["terminated"] | truncated)[:, None],
+            },
+        },
+        batch_size=row.batch_size,
+    )
+    value = loss(stock)["loss"]
+    value.backward()
+    slopes = {name: parameter.grad for name, parameter in leaves(loss.value_network_params)}
+    places = range(0, 2 * len(online.weights), 2)
+    parts = [(slopes[f"{place}.weight"].T.flatten(), slopes[f"{place}.bias"]) for place in places]
+    return value.detach(), torch.cat([part for pair in parts for part in pair])
+
+
+def leaves(parameters):
+    """("0.weight", tensor) … of TorchRL's nested parameters."""
+    for key, value in parameters.items(include_nested=True, leaves_only=True):
+        yield ".".join(key[-2:]), value
+
+
+@pytest.mark.parametrize("kind", ["squared", "huber"])
+@pytest.mark.parametrize("double", [False, True])
+def test_loss_and_gradient_are_those_of_torchrl(kind, double):
+    data, online, target = batch(), network(1), network(1, first=10)
+    truncated = torch.rand(ROWS, generator=torch.Generator().manual_seed(5)) < 0.3
+    expected, gradient = torchrl_loss(online, target, data, double=double, kind=kind, truncated=truncated)
+    outcome = dqn_loss(online, target, data, discount=DISCOUNT, double=double, kind=kind)
+    assert outcome.loss[0] == pytest.approx(float(expected), rel=1e-5)
+    assert torch.allclose(outcome.gradient[0], gradient, rtol=1e-4, atol=1e-6)
+
+
+def test_targets_bootstrap_unless_terminated():
+    online = network(1)
+    data = batch()[:, :1]
+    data["terminated"][:] = False
+    following = online.values(data["next_observation"]).amax(-1)
+    value = online.values(data["observation"])[0, 0, data["action"][0, 0]]
+    reward = data["reward"]
+    for ended, goal in ((False, reward + DISCOUNT * following), (True, reward)):
+        data["terminated"][:] = ended
+        outcome = dqn_loss(online, online, data, discount=DISCOUNT, double=False, kind="squared")
+        assert outcome.loss[0] == pytest.approx(float((value - goal) ** 2), rel=1e-5)
+
+
+def test_double_dqn_values_with_the_target_what_the_online_network_chooses():
+    online, target, data = network(1), network(1, first=3), batch()[:, :1]
+    data["terminated"][:] = False
+    choice = online.values(data["next_observation"]).argmax(-1)[0, 0]
+    goal = data["reward"] + DISCOUNT * target.values(data["next_observation"])[..., choice]
+    value = online.values(data["observation"])[0, 0, data["action"][0, 0]]
+    outcome = dqn_loss(online, target, data, discount=DISCOUNT, double=True, kind="squared")
+    assert outcome.loss[0] == pytest.approx(float((value - goal) ** 2), rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["squared", "huber"])
+def test_rows_that_are_not_valid_count_for_nothing(kind):
+    online, target, data = network(2), network(2, first=7), batch(2)
+    whole = dqn_loss(online, target, data[:, :40], discount=DISCOUNT, double=True, kind=kind)
+    data["valid"][:, 40:] = 0
+    data["reward"][:, 40:] = 1e6
+    masked = dqn_loss(online, target, data, discount=DISCOUNT, double=True, kind=kind)
+    for expected, got in zip(whole, masked, strict=True):
+        assert torch.allclose(expected, got, rtol=1e-5, atol=1e-6)
+    data["valid"][:] = 0
+    nothing = dqn_loss(online, target, data, discount=DISCOUNT, double=True, kind=kind)
+    assert not nothing.loss.any()
+    assert not nothing.gradient.any()
+
+
+def test_seeds_in_a_stack_do_not_mix():
+    online, target, data = network(3), network(3, first=20), batch(3)
+    stacked = dqn_loss(online, target, data, discount=DISCOUNT, double=True, kind="huber")
+    for seed in range(3):
+        alone = dqn_loss(
+            QNetwork(online.flat[seed : seed + 1], SIZES),
+            QNetwork(target.flat[seed : seed + 1], SIZES),
+            data[seed : seed + 1],
+            discount=DISCOUNT,
+            double=True,
+            kind="huber",
+        )
+        assert torch.allclose(alone.gradient[0], stacked.gradient[seed], rtol=1e-5, atol=1e-7)
+
+
+# --- replay -------------------------------------------------------------------------------------------------
+
+
+def test_replay_draws_every_row_equally_often():
+    storage = LazyTensorStorage(50)
+    storage.set(range(50), TensorDict({"row": torch.arange(50)}, batch_size=50))
+    sampler = SeedSampler([torch.Generator().manual_seed(seed) for seed in (1, 2)])
+    (rows, seeds), _ = sampler.sample(storage, 20_000)
+    assert rows.shape == (2, 20_000)
+    assert (seeds.flatten() == torch.tensor([0, 1])).all()
+    for drawn in rows:
+        counts = torch.bincount(drawn, minlength=50)
+        chi_square = ((counts - 400) ** 2 / 400).sum()
+        assert chi_square < 85.4  # 0.999 quantile with 49 degrees of freedom
+
+
+def settings_of(**changes):
+    defaults = LearningSettings(batch_size=16, buffer_size=60, updates=2, hidden=[12, 12], learning_rate=0.01)
+    return dataclasses.replace(defaults, **changes)
+
+
+def transitions(rows, seeds, draw=0):
+    return batch(seeds, rows, draw).transpose(0, 1).contiguous()
+
+
+def learner(seeds=(0, 1, 2), **changes):
+    made = Learner(8, 2, settings_of(**changes), list(seeds))
+    made.remember(transitions(40, len(seeds)))
+    return made
+
+
+def test_the_buffer_keeps_the_newest_transitions():
+    made = learner((0,), buffer_size=60)
+    newest = transitions(50, 1, draw=1)
+    made.remember(newest)
+    assert len(made.buffer) == 60
+    held = made.buffer[:]["reward"]
+    assert torch.equal(held[40:60, 0], newest["reward"][:20, 0])
+    assert torch.equal(held[:30, 0], newest["reward"][20:, 0])
+
+
+def test_a_rollout_longer_than_the_buffer_leaves_its_newest_rows():
+    made = learner((0,), buffer_size=7)
+    long = transitions(40, 1, draw=1)
+    made.remember(long)
+    assert sorted(made.buffer[:]["reward"][:, 0].tolist()) == sorted(long["reward"][-7:, 0].tolist())
+
+
+@pytest.mark.parametrize("more", [0, 50])
+def test_a_refilled_buffer_goes_on_where_it_was(more):
+    before, after = learner(), learner()
+    if more:
+        before.remember(transitions(more, 3, draw=2))
+    stored = {name: value.clone() for name, value in before.buffer[:].items()}
+    after.refill(stored, before.buffer.writer.state_dict()["_cursor"])
+    for each in (before, after):
+        each.remember(transitions(9, 3, draw=3))
+    assert len(before.buffer) == len(after.buffer)
+    for name, value in before.buffer[:].items():
+        assert torch.equal(value, after.buffer[:][name])
+
+
+# --- learning -----------------------------------------------------------------------------------------------
+
+
+def test_target_rate_one_means_one_network_for_both():
+    made = learner(target_rate=1.0, average_rate=1.0)
+    assert made.target is made.online
+    assert made.played is made.online
+
+
+def test_target_and_played_networks_follow_by_their_rates():
+    made = learner(target_rate=0.1, average_rate=0.25, updates=1)
+    target, played = made.target.flat.clone(), made.played.flat.clone()
+    made.learn(lambda updates: 0.01)
+    assert torch.allclose(made.target.flat, target + 0.1 * (made.online.flat - target))
+    assert torch.allclose(made.played.flat, played + 0.25 * (made.online.flat - played))
+
+
+def test_an_update_is_adams():
+    made = learner((0,), updates=1)
+    before = made.online.flat.clone()
+    made.learn(lambda updates: 0.003)
+    step = (
+        made.online.flat - before
+    )  # the first step of Adam has the size of the rate wherever there is a slope
+    moved = made.online.flat.grad.abs() > 1e-4
+    assert torch.allclose(step[moved], -0.003 * made.online.flat.grad[moved].sign(), rtol=1e-3)
+
+
+def test_the_learning_rate_is_asked_for_at_every_update():
+    asked = []
+    made = learner(updates=3)
+    made.learn(lambda updates: asked.append(updates) or 0.01)
+    made.learn(lambda updates: asked.append(updates) or 0.01)
+    assert asked == [0, 1, 2, 3, 4, 5]
+    assert made.updates == 6
+
+
+def test_a_seed_learns_the_same_alone_and_in_a_stack():
+    options = {"double": True, "target_rate": 0.1, "average_rate": 0.2, "loss": "huber"}
+    stack = learner((3, 4, 5), **options)
+    alone = Learner(8, 2, settings_of(**options), [4])
+    alone.remember(transitions(40, 3)[:, 1:2])
+    for _ in range(5):
+        stack.learn(lambda updates: 0.01)
+        alone.learn(lambda updates: 0.01)
+    np.testing.assert_allclose(alone.online.flat[0], stack.online.flat[1], rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(alone.played.flat[0], stack.played.flat[1], rtol=1e-3, atol=1e-5)
+
+
+def test_learning_fits_what_it_is_shown():
+    made = learner((0,), discount=0.0, updates=300, batch_size=40, hidden=[24, 24])
+    first, _ = made.learn(lambda updates: 0.0 if updates == 0 else 0.01)
+    last, _ = made.learn(lambda updates: 0.001)
+    assert last < 0.2 * first
