@@ -1,0 +1,287 @@
+"""Errors of parameters: each names the thing, the rule and the value."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from physics import array
+
+from swarm.checks import (
+    check_box,
+    check_cells,
+    check_count,
+    check_flag,
+    check_function,
+    check_methods,
+    check_name,
+    check_number,
+    check_point,
+)
+from swarm.fields import LinearField, RadialField
+from swarm.flows import StillWater, TaylorGreen
+from swarm.world import FIELDS, FLOWS, World
+
+
+def error_of(make):
+    """The error that `make` raises, or None; anything but TypeError and ValueError passes through."""
+    try:
+        make()
+    except (TypeError, ValueError) as error:
+        return error
+    return None
+
+
+ANYTHING = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.text(max_size=5),
+    st.binary(max_size=3),
+    st.complex_numbers(),
+    st.lists(st.floats(), max_size=4),
+    st.dictionaries(st.text(max_size=2), st.integers(), max_size=2),
+    st.floats(),
+    st.integers(),
+    st.builds(object),
+)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), st.booleans())
+def test_a_finite_number_is_returned_as_a_float(value, as_numpy):
+    checked = check_number("thing", np.float64(value) if as_numpy else value)
+    assert type(checked) is float
+    assert checked == value
+
+
+@given(ANYTHING)
+def test_whatever_is_no_finite_number_is_an_error_that_shows_it(value):
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        if math.isfinite(value):
+            assert check_number("thing", value) == float(value)
+            return
+        with pytest.raises(ValueError, match=r"^thing must be a finite number, got") as caught:
+            check_number("thing", value)
+    else:
+        with pytest.raises(TypeError, match=r"^thing must be a finite number, got") as caught:
+            check_number("thing", value)
+    assert str(caught.value).endswith(repr(value))
+
+
+@pytest.mark.parametrize(
+    ("bounds", "bad", "message"),
+    [
+        ({"above": 0.0}, 0.0, "thing must be a finite number above 0, got 0.0"),
+        ({"above": 0.0}, -math.inf, "thing must be a finite number above 0, got -inf"),
+        ({"at_least": 2.0}, 1.5, "thing must be a finite number of at least 2, got 1.5"),
+        ({}, 10**400, "thing must be a finite number, got 1000"),
+        ({}, math.nan, "thing must be a finite number, got nan"),
+    ],
+)
+def test_numbers_out_of_bounds_are_errors(bounds, bad, message):
+    with pytest.raises(ValueError, match=message.replace("(", r"\(")):
+        check_number("thing", bad, **bounds)
+
+
+def test_bounds_are_kept():
+    assert check_number("thing", 2, at_least=2.0) == 2.0
+    assert check_number("thing", 5e-324, above=0.0) == 5e-324
+
+
+def test_counts():
+    assert check_count("thing", np.int32(3)) == 3
+    for bad in (True, 1.0, "1", None, [1]):
+        with pytest.raises(TypeError, match="thing must be a whole number of at least 1, got"):
+            check_count("thing", bad)
+    for bad in (0, -1):
+        with pytest.raises(ValueError, match=f"thing must be a whole number of at least 1, got {bad}"):
+            check_count("thing", bad)
+
+
+def test_flags():
+    assert check_flag("thing", True) is True
+    for bad in (1, 0, "yes", None):
+        with pytest.raises(TypeError, match=f"thing must be True or False, got {bad!r}"):
+            check_flag("thing", bad)
+
+
+def test_names_suggest_the_nearest():
+    known = ["linear", "radial"]
+    assert check_name("field", "radial", known) == "radial"
+    with pytest.raises(
+        ValueError, match=r"field must be one of linear, radial, got 'lineal'; did you mean 'linear'"
+    ):
+        check_name("field", "lineal", known)
+    with pytest.raises(ValueError, match=r"field must be one of linear, radial, got 'zzz'$"):
+        check_name("field", "zzz", known)
+    with pytest.raises(TypeError, match="field must be one of linear, radial, got 3"):
+        check_name("field", 3, known)
+
+
+def test_what_lacks_methods_is_told_which():
+    check_methods("flow", StillWater(), ["velocity", "spin"], ["speed_scale"])
+    with pytest.raises(TypeError, match=r"flow must have spin\(position\), speed_scale, got <object"):
+        check_methods("flow", object(), ["spin"], ["speed_scale"])
+    with pytest.raises(TypeError, match=r"must be an object, not a class.*did you mean StillWater\(\)"):
+        check_methods("flow", StillWater, ["velocity", "spin"], ["speed_scale"])
+
+
+def test_functions_points_and_boxes():
+    assert check_function("thing", len) is len
+    assert check_point("thing", [1, np.float32(2)]) == (1.0, 2.0)
+    assert check_box("thing", [[0, 1], (2, 2)]) == ((0.0, 1.0), (2.0, 2.0))
+    for bad in (3, [1, 2], ((0, 1), (2, 1)), ((0, 1),), ((0, math.nan), (0, 1)), ((0, 1, 2), (0, 1)), "ab"):
+        with pytest.raises(ValueError, match=r"thing must be \(\(x_low, x_high\), \(y_low, y_high\)\)"):
+            check_box("thing", bad)
+
+
+def test_the_first_bad_cell_is_named(xp):
+    good = array(xp, [[True, True, True], [True, False, False]])
+    value = array(xp, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    with pytest.raises(ValueError, match=r"^thing must be good, got 5 for cell 1$"):
+        check_cells("thing", "be good", value, good)
+    check_cells("thing", "be good", value, array(xp, np.ones((2, 3), bool)))
+
+
+# --- the parameters of a world -----------------------------------------------------------------------------
+
+NUMBERS = {
+    "life": "above 0",
+    "speed": "above 0",
+    "time_step": "above 0",
+    "concentration_noise": "of at least 0",
+    "curvature_noise": "of at least 0",
+    "rotational_diffusion": "of at least 0",
+}
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@given(value=ANYTHING)
+def test_any_value_of_a_number_makes_a_world_or_a_clear_error(name, value):
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    error = error_of(lambda: World(**{name: value}))
+    if error is None:
+        assert number
+        assert getattr(World(**{name: value}), name) == float(value)
+    elif number:
+        assert isinstance(error, ValueError)
+        assert name in str(error)
+    else:
+        assert isinstance(error, TypeError)
+        assert str(error) == f"{name} must be a finite number {NUMBERS[name]}, got {value!r}"
+
+
+@pytest.mark.parametrize("name", ["n_records", "sense_flow", "varying_speed", "interval_rule", "start_box"])
+@given(value=ANYTHING)
+def test_any_value_of_another_parameter_makes_a_world_or_an_error_that_names_it(name, value):
+    error = error_of(lambda: World(**{name: value}))
+    assert error is None or name in str(error)
+
+
+@pytest.mark.parametrize("name", ["field", "flow"])
+@given(value=ANYTHING)
+def test_what_is_no_field_or_flow_is_an_error(name, value):
+    with pytest.raises((TypeError, ValueError), match=f"^{name} must "):
+        World(**{name: value})
+
+
+@given(st.lists(st.one_of(st.floats(), st.floats(0.1, 10.0), st.integers(-3, 8)), max_size=5))
+def test_curvatures_rise_evenly_or_are_an_error(values):
+    error = error_of(lambda: World(curvatures=tuple(values)))
+    if error is None:
+        curvatures = World(curvatures=tuple(values)).curvatures
+        assert len(curvatures) >= 2
+        assert curvatures[0] > 0
+        np.testing.assert_allclose(np.diff(curvatures), np.diff(curvatures)[0], rtol=1e-6)
+    else:
+        assert isinstance(error, ValueError)
+        assert any(word in str(error) for word in ("curvature", "κ̄"))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"curvatures": (5.0, 3.0)}, r"curvatures must rise and be positive, got \(5\.0, 3\.0\)"),
+        ({"curvatures": (3.0, 3.0)}, r"curvatures must rise and be positive, got \(3\.0, 3\.0\)"),
+        ({"curvatures": (-1.0, 3.0)}, r"curvatures must rise and be positive, got \(-1\.0, 3\.0\)"),
+        ({"curvatures": (1.0, 2.0, 4.0)}, r"curvatures must be evenly spaced, got \(1\.0, 2\.0, 4\.0\)"),
+        ({"curvatures": (3.0,)}, r"curvatures must be two or more numbers, got \(3\.0,\)"),
+        ({"curvatures": 3.0}, r"curvatures must be two or more numbers, got 3\.0"),
+        ({"curvatures": "35"}, r"curvatures must be two or more numbers, got '35'"),
+        ({"speeds": (1.0,)}, r"speeds must be two positive numbers, got \(1\.0,\)"),
+        ({"speeds": (1.0, -1.0)}, r"speeds must be two positive numbers, got \(1\.0, -1\.0\)"),
+        ({"speeds": 1.0}, r"speeds must be two positive numbers, got 1\.0"),
+        ({"n_records": 1}, "n_records must be a whole number of at least 2, got 1"),
+        ({"n_records": 4.0}, r"n_records must be a whole number of at least 2, got 4\.0"),
+        ({"n_records": 100}, "n_records must leave at least one time_step per decision.*got n_records = 100"),
+        ({"time_step": 1.0}, "n_records must leave at least one time_step per decision.*time_step = 1"),
+        ({"time_step": 1e-9}, "time_step must leave at most 10000 steps per decision, got time_step = 1e-09"),
+        ({"time_step": 5e-324}, "time_step must leave at most 10000 steps per decision"),
+        ({"life": 1e30}, r"life must be at most 2\^30 ticks of 0\.02, got 1e\+30"),
+        ({"speed": 1e-300}, "mean curvature × speed must lie between 1e-9 and 1e9"),
+        ({"speed": 1e300}, "mean curvature × speed must lie between 1e-9 and 1e9"),
+        (
+            {"interval_rule": "exakt"},
+            "interval_rule must be one of exact, truncated, got 'exakt'; did you mean 'exact'",
+        ),
+        ({"field": "lineer"}, "field must be one of .*linear.*, got 'lineer'; did you mean 'linear'"),
+        ({"flow": "taylor-green"}, "flow must be one of .*, got 'taylor-green'; did you mean 'taylor_green'"),
+        ({"field": LinearField}, r"field must be an object, not a class.*did you mean LinearField\(\)"),
+        (
+            {"flow": LinearField()},
+            r"flow must have velocity\(position\), spin\(position\), speed_scale, spin_scale",
+        ),
+        ({"field": TaylorGreen()}, r"field must have concentration\(position\), gradient_scale"),
+        (
+            {"sense_flow": True},
+            "sense_flow needs a flow with speed_scale and spin_scale above 0.*got speed_scale 0",
+        ),
+        ({"sense_flow": 1}, "sense_flow must be True or False, got 1"),
+        ({"start_box": ((1.0, 0.0), (0.0, 1.0))}, "start_box must be .*low <= high, got"),
+    ],
+)
+def test_an_error_names_the_parameter_the_rule_and_the_value(parameters, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        World(**parameters)
+
+
+class Odd(RadialField):
+    """A field whose further attributes are what a test says."""
+
+    def __init__(self, **options):
+        super().__init__()
+        for name, value in options.items():
+            object.__setattr__(self, name, value)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"gradient_scale": 0.0}, "field.gradient_scale must be a finite number above 0, got 0"),
+        ({"egg_radius": -1.0}, r"field\.egg_radius must be a finite number above 0, got -1"),
+        ({"egg_position": (1.0,)}, r"field\.egg_position must be two finite numbers"),
+        ({"inside": 3}, r"field\.inside must be a function of positions"),
+        ({"box": ((0, 1), (1, 0))}, r"field\.box must be .*low <= high"),
+    ],
+)
+def test_a_field_with_wrong_attributes_is_an_error(options, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        World(field=Odd(**options))
+
+
+def test_replace_checks_again_and_suggests_parameters():
+    assert World().replace(life=7).life == 7.0
+    with pytest.raises(ValueError, match="'lifes'; did you mean 'life'"):
+        World().replace(lifes=7)
+    with pytest.raises(ValueError, match="life must be a finite number above 0, got -1"):
+        World().replace(life=-1)
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("flow", FLOWS)
+def test_every_name_makes_a_world(field, flow):
+    world = World(field=field, flow=flow)
+    assert type(world.field) is FIELDS[field]
+    assert type(world.flow) is FLOWS[flow]
