@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -12,8 +13,23 @@ from swarm.checks import check_count, check_name
 from swarm.starts import NOISE_BLOCK, draw_noise, draw_starts
 from swarm.world import Outcome, State, World
 
+RENDER_MODES = ["human", "rgb_array"]
+RENDER_FPS = 15
 DTYPES = {"float32": np.float32, "float64": np.float64}
 POPULATION: streams.Population = "training"
+
+
+def make_world(world: World | None, parameters: dict[str, Any]) -> World:
+    """The world that is given, or one of the parameters; raises TypeError or ValueError on unknown ones."""
+    if world is None:
+        for name in parameters:
+            check_name("parameter", name, [item.name for item in dataclasses.fields(World)])
+        return World(**parameters)
+    if parameters:
+        raise TypeError(f"world must be given alone, got {sorted(parameters)} besides")
+    if not isinstance(world, World):
+        raise TypeError(f"world must be a World, got {world!r}")
+    return world
 
 
 class Arena:
@@ -35,15 +51,17 @@ class Arena:
         self.episode = np.zeros(self.n_swimmers, np.int64)
         self.decision = np.zeros(self.n_swimmers, np.int64)  # of the cell's life
         self._fresh: dict[int, tuple[State, np.ndarray]] = {}
-        self._noise_rows: np.ndarray
-        self._forget_noise()
+        # the block of noise that each cell is in, and its episode and number
+        self._noise = np.zeros((self.n_swimmers, NOISE_BLOCK if world.has_noise else 0, 3), self.dtype)
+        self._noise_keys = np.full((self.n_swimmers, 2), -1)
 
     def reset(self, seed: int | None, options: dict[str, Any] | None) -> np.ndarray:
         """Begin a life of every cell; returns the observations (cells, N_T · features).
 
-        `seed` begins with its episode 0; without it the next episode of the seed in use begins, and where there
-        is none yet, one is drawn from the operating system. Poses may be given: `options["position"]` (cells, 2)
-        [length], `options["heading"]` (cells,) [rad]; other options are ignored.
+        `seed` begins with its episode 0; without it the next episode of the seed in use begins, and where
+        there is none yet, one is drawn from the operating system. Poses may be given:
+        `options["position"]` (cells, 2) [length], `options["heading"]` (cells,) [rad]; other options are
+        ignored.
         """
         if seed is not None:
             seed, episode = streams.check_seed(seed), 0
@@ -62,7 +80,7 @@ class Arena:
 
         if seed != self.seed:
             self.seed = seed
-            self._forget_noise()
+            self._noise_keys = np.full_like(self._noise_keys, -1)
             self._fresh.clear()
         self.episode = np.full(self.n_swimmers, episode)
         self.decision = np.zeros(self.n_swimmers, np.int64)
@@ -71,7 +89,7 @@ class Arena:
 
     def step(self, action: np.ndarray) -> Outcome:
         """One decision of every cell; a finished cell stays where it is."""
-        state, outcome = self.world.step(self.state, action, self._noise())
+        state, outcome = self.world.step(self.state, action, self._draw())
         self._check_finite(state, outcome.observation, outcome.gain)
         self.state, self.gain, self.action = state, outcome.gain, action
         self.decision = self.decision + 1
@@ -113,7 +131,7 @@ class Arena:
 
     # --- random numbers ---
 
-    def _noise(self) -> np.ndarray | None:
+    def _draw(self) -> np.ndarray | None:
         """This decision's random numbers (cells, 3), or None in a world without noise."""
         if not self.world.has_noise:
             return None
@@ -121,6 +139,8 @@ class Arena:
         block, turn = np.divmod(self.decision, NOISE_BLOCK)
         wanted = np.stack([self.episode, block], axis=-1)
         stale = (wanted != self._noise_keys).any(axis=-1)
+        if stale.any():
+            self._noise = self._noise.copy()  # copies of the arena share it
         for episode, number in np.unique(wanted[stale], axis=0).tolist():
             drawn = draw_noise(
                 self.seed,
@@ -131,14 +151,9 @@ class Arena:
                 block=number,
             )
             rows = (wanted == (episode, number)).all(axis=-1)
-            self._noise_rows[rows] = drawn[rows]
+            self._noise[rows] = drawn[rows]
         self._noise_keys = wanted
-        return self._noise_rows[np.arange(self.n_swimmers), turn]
-
-    def _forget_noise(self) -> None:
-        self._noise_keys = np.full((self.n_swimmers, 2), -1)  # episode and block that each row holds
-        shape = (self.n_swimmers, NOISE_BLOCK, 3) if self.world.has_noise else (0,)
-        self._noise_rows = np.zeros(shape, self.dtype)
+        return self._noise[np.arange(self.n_swimmers), turn]
 
     # --- checks ---
 

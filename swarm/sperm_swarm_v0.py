@@ -26,13 +26,11 @@ from pettingzoo.utils import parallel_to_aec
 from pettingzoo.utils.env import AECEnv
 from pettingzoo.utils.wrappers import AssertOutOfBoundsWrapper, OrderEnforcingWrapper
 
-from swarm.arena import Arena
+from swarm.arena import RENDER_FPS, RENDER_MODES, Arena
 from swarm.checks import check_count, check_name
 from swarm.fields import Field
 from swarm.flows import Flow
 from swarm.world import World
-
-RENDER_MODES = ["human", "rgb_array"]
 
 
 def parallel_env(
@@ -102,7 +100,7 @@ class SpermSwarm(ParallelEnv):
     metadata = {
         "name": "sperm_swarm_v0",
         "render_modes": RENDER_MODES,
-        "render_fps": 15,
+        "render_fps": RENDER_FPS,
         "is_parallelizable": True,
     }
 
@@ -156,7 +154,7 @@ class SpermSwarm(ParallelEnv):
         observation = self.arena.reset(seed, options)
         self.agents, self._live, self._cycle = self.possible_agents[:], None, 0
         if self.render_mode is not None:
-            self._watch().restart(self.arena.state)
+            self._watch().follow(self.arena.state)
         infos = {agent: {"gain": 0.0} for agent in self.agents}
         return dict(zip(self.agents, observation, strict=True)), infos
 
@@ -211,22 +209,19 @@ class SpermSwarm(ParallelEnv):
         if self.render_mode is None:
             warn('render: make the environment with render_mode="rgb_array" or "human" to see something')
             return None
-        viewer = self._watch()
-        if not viewer.states:  # a copy of an environment has no pictures of its past
-            viewer.restart(self.arena.state)
-        return viewer.render()
+        return self._watch().render(self.arena.state)
 
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._viewer is not None:
             self._viewer.close()
+            self._viewer = None
 
     def _watch(self) -> Any:
         from swarm.render import Viewer
 
         if self._viewer is None:
-            window = self.render_mode == "human"
-            self._viewer = Viewer(self.world, window=window, frames_per_second=self.metadata["render_fps"])
+            self._viewer = Viewer(self.world, window=self.render_mode == "human", fps=RENDER_FPS)
         return self._viewer
 
     def __getstate__(self) -> dict[str, Any]:
