@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import sys
+import types
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -26,7 +27,7 @@ DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
 
 class Transition(NamedTuple):
-    """What `SwarmEnv.advance` returns; finished cells get reward 0 and keep their last observation's memory."""
+    """What `SwarmEnv.advance` returns; finished cells get reward 0."""
 
     observation: Tensor  # (worlds, cells, N_T · features) float32
     reward: Tensor  # (worlds, cells)
@@ -38,13 +39,14 @@ class Transition(NamedTuple):
 class SwarmEnv(EnvBase):
     """`n_worlds` independent worlds of `n_swimmers` cells each; arguments otherwise as `swarm.parallel_env`.
 
-    Tensors are (worlds, cells, ...) in the group `swimmers`: `observation`, `action`, `reward`, `done`, `terminated`,
-    `truncated`, `gain`. A cell that is done waits, masked, until every cell of its world is done; then the root `done` of the
-    world is set and the world restarts. A row of data is valid where ("swimmers", "done") was False before the step.
+    Tensors are (worlds, cells, ...) in the group `swimmers`: `observation`, `action`, `reward`, `done`,
+    `terminated`, `truncated`, `gain`. A cell that is done waits, masked, until every cell of its world is
+    done; then the root `done` of the world is set and the world restarts. A row of data is valid where
+    ("swimmers", "done") was False before the step.
 
-    Starts come from the same streams as the PettingZoo face: world w of seed s holds rows w · n_swimmers … of that seed's
-    population. With `seeds` given, the worlds are shared out evenly among several independent seeds. `compile_step` hands the
-    decision to `torch.compile`, which pays after some ten thousand steps.
+    Starts come from the same streams as the PettingZoo face: world w of seed s holds rows w · n_swimmers … of
+    that seed's population. With `seeds` given, the worlds are shared out evenly among several independent
+    seeds. `compile_step` hands the decision to `torch.compile`, which pays after some ten thousand steps.
     """
 
     batch_locked = True
@@ -77,24 +79,27 @@ class SwarmEnv(EnvBase):
         self.world = World(**parameters) if world is None else world
         self.float_dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
         self.population = population
-        self._decide = functools.partial(_decision, self.world)
-        if compile_step:
-            self._decide = compiled(self._decide)
+        wrap = compiled if compile_step else functools.partial
+        self._decide: Callable[..., Any] = wrap(_decision, self.world)
         super().__init__(device=device, batch_size=torch.Size([self.n_worlds]))
         self._place = torch.device("cpu") if device is None else torch.device(device)
         self._make_specs()
+        self._terminated = torch.zeros(n_worlds, n_swimmers, 1, dtype=torch.bool, device=self._place)
         self.state: State | None = None
         self.observation: Tensor | None = None
         self.set_seeds([seed] if seeds is None else seeds)
 
-    # --- plain tensors: what the trainer uses -----------------------------------------------------------------------
+    # --- plain tensors: what the trainer uses ---------------------------------------------------------------
 
     def set_seeds(self, seeds: Sequence[int]) -> None:
-        """Share the worlds out among `seeds`, block after block, and begin with episode 0 at the next restart."""
+        """Share the worlds out among `seeds`, block after block, and begin with episode 0 at the next
+        restart.
+        """
         self.seeds = [streams.check_seed(seed) for seed in seeds]
         if not self.seeds or self.n_worlds % len(self.seeds):
             raise ValueError(
-                f"n_worlds must be a multiple of the number of seeds, got {self.n_worlds} and {len(self.seeds)}"
+                f"n_worlds must be a multiple of the number of seeds, got {self.n_worlds} worlds and "
+                f"{len(self.seeds)} seeds"
             )
         self.episode = np.full(self.n_worlds, -1)
         self.decision = np.zeros(self.n_worlds, np.int64)
@@ -146,7 +151,9 @@ class SwarmEnv(EnvBase):
         if self.world.has_noise and (due := self.decision % NOISE_BLOCK == 0).any():
             self._refill_noise(due)
         if self.max_cycles is not None and (over := self.decision >= self.max_cycles).any():
-            result = result._replace(truncated=result.truncated | (self._tensor(over)[:, None] & ~result.terminated))
+            result = result._replace(
+                truncated=result.truncated | (self._tensor(over)[:, None] & ~result.terminated)
+            )
             self.state = self.state._replace(finished=self.state.finished | result.truncated)
         self.observation = result.observation
         return result
@@ -173,29 +180,45 @@ class SwarmEnv(EnvBase):
         if self.world.has_noise:
             self._refill_noise(np.ones(self.n_worlds, bool))
 
-    # --- TensorDicts: what TorchRL asks for -------------------------------------------------------------------------
+    # --- TensorDicts: what TorchRL asks for -----------------------------------------------------------------
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDict:
         worlds = None
-        if tensordict is not None and "_reset" in tensordict.keys():
+        if tensordict is not None and "_reset" in tensordict.keys():  # noqa: SIM118
             worlds = tensordict["_reset"].reshape(self.n_worlds).cpu().numpy()
         observation = self.restart(worlds)
         assert self.state is not None
         done = self.state.finished[..., None]
-        fresh = torch.ones(self.n_worlds, dtype=torch.bool) if worlds is None else self._tensor(worlds)
-        self._terminated = _where(
-            fresh, torch.zeros_like(done), self._terminated if worlds is not None else done
+        fresh = (
+            torch.ones(self.n_worlds, dtype=torch.bool, device=self._place)
+            if worlds is None
+            else self._tensor(worlds)
         )
+        self._terminated = _where(fresh, torch.zeros_like(done), self._terminated)
         return self._pack(observation, self.gain(), done, self._terminated, done & ~self._terminated)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
-        result = self.advance(tensordict[GROUP, "action"])
+        action = tensordict[GROUP, "action"]
+        self._check_action(action)
+        result = self.advance(action)
         assert self.state is not None
         done = self.state.finished[..., None]
         self._terminated = self._terminated | result.terminated[..., None]
         out = self._pack(result.observation, self.gain(), done, self._terminated, done & ~self._terminated)
         out[GROUP]["reward"] = result.reward[..., None].to(torch.float32)
         return out
+
+    def _check_action(self, action: Tensor) -> None:
+        """Raises TypeError or ValueError, before anything has changed, unless all actions are known ones."""
+        top = self.world.n_actions - 1
+        rule = f"actions must be whole numbers from 0 to {top} of shape {(self.n_worlds, self.n_swimmers)}"
+        if action.is_floating_point() or action.dtype == torch.bool:
+            raise TypeError(f"{rule}, got {action.dtype}")
+        if tuple(action.shape) != (self.n_worlds, self.n_swimmers):
+            raise ValueError(f"{rule}, got the shape {tuple(action.shape)}")
+        low, high = (int(number) for number in action.aminmax())
+        if low < 0 or high > top:
+            raise ValueError(f"{rule}, got {low if low < 0 else high}")
 
     def _set_seed(self, seed: int | None) -> None:
         self.set_seeds([0 if seed is None else seed])
@@ -241,7 +264,7 @@ class SwarmEnv(EnvBase):
             done[name] = Binary(shape=(self.n_worlds, 1), **flag)
         self.done_spec = done
 
-    # --- helpers ----------------------------------------------------------------------------------------------------
+    # --- helpers --------------------------------------------------------------------------------------------
 
     def _alike(self, chosen: np.ndarray, index: np.ndarray) -> Any:
         """(seed, index, the seed's worlds, the chosen worlds of that seed and index)."""
@@ -289,32 +312,37 @@ def _decision(world: World, state: State, action: Tensor, noise: Tensor | None) 
     """One decision of every cell; those that were done get no reward."""
     after, outcome = world.step(state, action, noise)
     reward = torch.where(state.finished, 0.0, outcome.reward)
-    transition = Transition(outcome.observation, reward, outcome.terminated, outcome.truncated, ~state.finished)
+    transition = Transition(
+        outcome.observation, reward, outcome.terminated, outcome.truncated, ~state.finished
+    )
     return after, transition
 
 
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`function` compiled by torch at its second call; as it is, with one line said, where that does not work.
+def compiled(function: Callable[..., Any], *first: Any) -> Callable[..., Any]:
+    """`function` with its first arguments, compiled by torch; as it is, with one line said, where that fails.
 
-    The first call runs as it is: it fills the tables that the compiled code takes as given.
+    Every call gives what the same code gives: compiled and plain code may round differently.
     """
-    fast = torch.compile(function, fullgraph=True, dynamic=False)
-    chosen: list[Callable[..., Any] | None] = []
+    # A copy with code of its own: torch counts how often it compiles a code, and gives up after some times.
+    own = types.FunctionType(function.__code__.replace(), function.__globals__, function.__name__)
+    fast = torch.compile(own, fullgraph=True, dynamic=False)
+    chosen: list[Callable[..., Any]] = []
 
-    def call(*arguments: Any) -> Any:
-        if len(chosen) == 2 and chosen[1] is not None:
-            return chosen[1](*arguments)
-        if not chosen:
-            chosen.append(None)
-            return function(*arguments)
+    def call(*further: Any) -> Any:
+        arguments = (*first, *further)
+        if chosen:
+            return chosen[0](*arguments)
+        result = function(*arguments)  # fills the tables that the compiled code takes as given
         try:
             result = fast(*arguments)
             chosen.append(fast)
         except Exception as error:  # no compiler, no headers, an unsupported platform: all end here
             reason = (str(error).splitlines() or [""])[0][:120]
-            print(f"torch.compile does not work here, going on without: {type(error).__name__}: {reason}", file=sys.stderr)
+            print(
+                f"torch.compile does not work here, going on without: {type(error).__name__}: {reason}",
+                file=sys.stderr,
+            )
             chosen.append(function)
-            result = function(*arguments)
         return result
 
     return call
