@@ -75,6 +75,28 @@ def compare(
 
 
 @app.command()
+def watch(
+    policy: Annotated[
+        str,
+        typer.Argument(help="A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal."),
+    ],
+    experiment: Annotated[
+        str | None, typer.Option(help="World to watch it in; default: the policy's own.")
+    ] = None,
+    cells: Annotated[int, typer.Option(help="How many cells.")] = 40,
+    life: Annotated[float, typer.Option(help="Length of a life, t_life.")] = 80.0,
+    seed: Annotated[int, typer.Option(help="Seed of the starts.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="A film (.mp4, .gif) or a page (.html); without: a window.")
+    ] = None,
+) -> None:
+    """Watch a policy steer a swarm."""
+    from trainers import launching
+
+    launching.watch_from(policy, experiment, cells, life, seed, out)
+
+
+@app.command()
 def check() -> None:
     """Run every check of the environments' interfaces there is, warnings as errors."""
     from trainers import launching

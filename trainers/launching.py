@@ -175,6 +175,36 @@ def evaluate_from(
         print(f"results and figures are in {out}")
 
 
+def watch_from(
+    policy: str, experiment: str | None, cells: int, life: float, seed: int, out: Path | None
+) -> None:
+    """`swarm watch`."""
+    from rich.progress import Progress
+
+    from swarm.network import PolicyError
+    from trainers import watching
+
+    try:
+        watching.check_target(out)
+        world = test_settings(policy, experiment).test_world().replace(life=life)
+        with Progress(transient=True, disable=out is None or not sys.stderr.isatty()) as bar:
+            task = bar.add_task("drawing", total=None)
+            watching.watch(
+                policy,
+                world,
+                cells=cells,
+                seed=seed,
+                out=out,
+                progress=lambda done, most: bar.update(task, completed=done, total=most),
+            )
+    except ImportError as error:
+        fail(f"this needs a further package: {error}")
+    except (SettingsError, PolicyError, OSError, ValueError, TypeError) as error:
+        fail(error)
+    if out is not None:
+        print(f"written to {out}")
+
+
 def compare_from(folders: Sequence[Path], cells: int, seed: int, out: Path | None) -> None:
     """`swarm compare`."""
     from swarm.policy_files import PolicyError
