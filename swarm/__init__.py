@@ -5,7 +5,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from pettingzoo import register as _register
+import gymnasium as _gymnasium
+import pettingzoo as _pettingzoo
 
 from swarm.fields import LinearField, RadialField
 from swarm.flows import StillWater, TaylorGreen
@@ -47,7 +48,8 @@ __all__ = [
 ]
 
 for _kind, _maker in (("parallel", "parallel_env"), ("aec", "env")):
-    _register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=f"swarm.sperm_swarm_v0:{_maker}")
+    _pettingzoo.register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=f"swarm.sperm_swarm_v0:{_maker}")
+_gymnasium.register("chemoswarm/SpermSwarm-v0", vector_entry_point="swarm.gymnasium_env:vector_env")
 
 
 def __getattr__(name: str) -> Any:
