@@ -97,6 +97,22 @@ def watch(
 
 
 @app.command()
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder for the report; what is finished there is not redone.")],
+    quick: Annotated[bool, typer.Option(help="Test the shipped policies instead of training.")] = False,
+    seeds: Annotated[int, typer.Option(help="Training seeds of every experiment.")] = 5,
+    jobs: Annotated[int | None, typer.Option(help="Processes at once; default: 2, or 1 on one core.")] = None,
+    publish: Annotated[
+        Path | None, typer.Option(help="Folder for a copy of the report, without the training runs.")
+    ] = None,
+) -> None:
+    """Reproduce every figure and table of the paper, with a verdict on each of its claims."""
+    from trainers import launching
+
+    launching.reproduce_from(out, quick, seeds, jobs, publish)
+
+
+@app.command()
 def check() -> None:
     """Run every check of the environments' interfaces there is, warnings as errors."""
     from trainers import launching

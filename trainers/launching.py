@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from swarm.checks import check_count
 from trainers.cli import fail
 from trainers.composing import SettingsError, settings_from, settings_from_stored
 from trainers.settings import Settings
@@ -219,6 +221,27 @@ def compare_from(folders: Sequence[Path], cells: int, seed: int, out: Path | Non
     show_table(comparing.table(groups))
     if out is not None:
         print(f"table and figure are in {out}")
+
+
+def reproduce_from(out: Path, quick: bool, seeds: int, jobs: int | None, publish: Path | None) -> None:
+    """`swarm reproduce`."""
+    try:
+        from trainers import reproducing
+        from trainers.dispatching import Stopped
+        from trainers.planning import Plan
+    except ImportError as error:
+        fail(f"this needs the extra packages of chemoswarm[train]: {error}")
+    try:
+        workers = {} if jobs is None else {"workers": check_count("--jobs", jobs)}
+        plan = Plan(quick=quick, n_seeds=check_count("--seeds", seeds), **workers)
+        claims = reproducing.reproduce(plan, out, publish)
+    except (reproducing.ReproductionError, SettingsError, Stopped, ValueError) as error:
+        fail(error)
+    except OSError as error:
+        fail(file_trouble(error))
+    verdicts = Counter(claim.verdict for claim in claims)
+    print(f"{len(claims)} claims: " + ", ".join(f"{count} {name}" for name, count in verdicts.most_common()))
+    print(f"the report is {out / 'report.md'}")
 
 
 def check_from() -> None:

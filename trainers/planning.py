@@ -1,0 +1,92 @@
+"""The plan of a reproduction: what is trained, with which seeds, and what is tested where."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from trainers.composing import settings_from
+from trainers.settings import Settings
+from trainers.statements import EGG, RECORDS, STEADY, VARYING, VORTICES
+
+AWARE, BLIND = "taylor_green_aware", "taylor_green_blind"
+EXPERIMENTS = (*RECORDS, VARYING, EGG, AWARE, BLIND)
+# the world of a test, and which trainings are tested in it, by what figures call them
+TESTS = {name: {"dqn": name} for name in (*RECORDS, VARYING, EGG)}
+TESTS[VORTICES] = {"aware": AWARE, "blind": BLIND, "still": STEADY}
+RUNS = "runs"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What decides a reproduction."""
+
+    quick: bool = False  # test the shipped policies instead of training
+    recipes: tuple[str, ...] = ("swarm", "paper")
+    n_seeds: int = 5  # training seeds of each experiment: 0, 1, …
+    cells: int = 400  # of a test; none of them was ever seen in training or validation
+    radial_cells: int = 100  # of the test around the egg
+    swinging_cells: int = 40  # whose circles are fitted
+    figure_cells: int = 40  # in figures: the first of the test's
+    radial_figure_cells: int = 9
+    seed: int = 100  # of the test population and the bootstrap
+    words: tuple[str, ...] = ()  # settings of every training that differ from its recipe's
+    experiments: tuple[str, ...] = EXPERIMENTS
+    workers: int = dataclasses.field(default_factory=lambda: min(2, os.cpu_count() or 1))  # processes at once
+
+    def settings(self, recipe: str, experiment: str) -> Settings:
+        """Settings of a training."""
+        words = [f"recipe={recipe}", f"experiment={experiment}", f"n_seeds={self.n_seeds}"]
+        return settings_from([*words, "tensorboard=false", *self.words])
+
+
+class Training(NamedTuple):
+    """One stack of seeds to train; `radial` shares the run of `varying_speed` where nothing differs."""
+
+    recipe: str
+    experiment: str
+    settings: Settings
+    folder: Path
+
+
+def trainings(plan: Plan, out: Path) -> list[Training]:
+    """Every training of the plan; raises SettingsError."""
+    found: list[Training] = []
+    for recipe in plan.recipes:
+        for experiment in plan.experiments:
+            settings = plan.settings(recipe, experiment)
+            same = learnt(settings, shared=True)
+            alike = [each.folder for each in found if learnt(each.settings, shared=True) == same]
+            folder = alike[0] if alike else out / RUNS / recipe / experiment
+            found.append(Training(recipe, experiment, settings, folder))
+    return found
+
+
+def learnt(settings: Settings, *, shared: bool = False) -> dict[str, Any]:
+    """What decides the policies that come out; `shared`: whatever the experiment is called."""
+    left_out = {"evaluation", "evaluate", "checkpoint_every", "tensorboard", "wandb"}
+    left_out |= {"experiment"} if shared else set()
+    return {name: value for name, value in dataclasses.asdict(settings).items() if name not in left_out}
+
+
+def expected_seconds(settings: Settings) -> float:
+    """Roughly what a training takes on one core of 2020 or so."""
+    learning, world, seeds = settings.learning, settings.training_world(), settings.n_seeds
+    pace = 5.0 if world.in_flow else 1.0
+
+    def decision(cells: int) -> float:
+        return pace * (1e-4 + 1e-6 * cells * seeds)
+
+    checked = settings.validation
+    validations = learning.epochs / checked.every
+    rounds = world.max_decisions / (learning.collect or world.max_decisions)
+    nodes = sum(learning.hidden)
+    update = 3e-4 + 3e-8 * learning.batch_size * seeds * nodes
+    epoch = world.max_decisions * decision(learning.n_swimmers * learning.n_worlds)
+    epoch += rounds * learning.updates * update
+    return learning.epochs * epoch + validations * world.replace(life=checked.life).max_decisions * decision(
+        checked.cells
+    )

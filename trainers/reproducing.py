@@ -1,0 +1,270 @@
+"""Reproducing the paper: what is trained and tested, and in which order.
+
+Training runs are ordinary run folders in OUT/runs/RECIPE/EXPERIMENT; a reproduction that was stopped goes on
+with them. Every other file of OUT is written again at the end, the report last.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from swarm import network
+from swarm.network import Network, load_policy
+from swarm.policy_files import PolicyError
+from trainers import runs
+from trainers.claims import Claim
+from trainers.composing import SettingsError, settings_from_stored
+from trainers.curves import Curves, metrics, shipped_curves, trained_curves
+from trainers.dispatching import Task, work_off
+from trainers.illustrating import Drawing
+from trainers.measuring import Case, Circle, Measured, Stack, measure, swinging_circle
+from trainers.planning import TESTS, Plan, Training, expected_seconds, learnt, trainings
+from trainers.runs import RunFolder
+from trainers.settings import Settings
+from trainers.statements import EGG, RECORDS, Evidence, TrainingGains
+
+
+class ReproductionError(RuntimeError):
+    """A reproduction that cannot go on as asked; the message says why and what can be done."""
+
+
+# --- training -----------------------------------------------------------------------------------------------
+
+
+def train_all(plan: Plan, planned: Iterable[Training]) -> None:
+    """Train whatever is not there; raises ReproductionError where a training fails."""
+    folders: dict[Path, Training] = {}
+    for each in planned:
+        folders.setdefault(each.folder, each)
+    wanted = [each for each in folders.values() if not _is_done(each)]
+    if len(wanted) < len(folders):
+        print(f"{len(folders) - len(wanted)} of {len(folders)} trainings are finished", flush=True)
+    tasks = [
+        Task(
+            f"{each.recipe}/{each.experiment}",
+            train_one,
+            (each.settings, each.folder),
+            expected_seconds(each.settings),
+            part_done=_PartDone(each.folder, each.settings.learning.epochs),
+        )
+        for each in wanted
+    ]
+    failed = [
+        f"{task.label}: {result}"
+        for task, result in zip(tasks, work_off(tasks, plan.workers, title="training"), strict=True)
+        if isinstance(result, Exception)
+    ]
+    if failed:
+        raise ReproductionError(
+            f"{len(failed)} of {len(tasks)} trainings failed: {'; '.join(failed)}; "
+            "the same command goes on with them"
+        )
+
+
+def train_one(settings: Settings, folder: Path) -> None:
+    """One run, from its newest checkpoint if it was begun; then its checkpoints are no longer needed."""
+    from trainers import training
+    from trainers.launching import prepare
+
+    if runs.is_run_folder(folder):
+        run, stored = RunFolder.open(folder)
+        prepared = prepare(settings_from_stored(stored))
+    else:
+        prepared = prepare(settings)
+        run = RunFolder.create(folder, settings)
+    training.train(prepared, run)
+    training.draw(prepared, run)
+    run.mark_finished()
+    shutil.rmtree(folder / runs.CHECKPOINTS, ignore_errors=True)
+
+
+def _is_done(training: Training) -> bool:
+    """Whether the run is finished and valid; one with other settings or damaged policies is set aside."""
+    folder = training.folder
+    if not runs.is_run_folder(folder):
+        return False
+    run, stored = RunFolder.open(folder)
+    try:
+        if learnt(settings_from_stored(stored)) == learnt(training.settings):
+            if run.finished:
+                policies_of(run, training.settings)
+            return run.finished
+        reason = "has other settings"
+    except (SettingsError, PolicyError) as error:
+        reason = str(error)
+    count = 1
+    while (aside := folder.with_name(f"{folder.name}-set-aside-{count}")).exists():
+        count += 1
+    folder.rename(aside)
+    print(f"{folder} is trained again: what was there ({reason}) is now {aside}", flush=True)
+    return False
+
+
+class _PartDone:
+    """The part of a run's epochs that are over, read off its metrics."""
+
+    def __init__(self, folder: Path, epochs: int) -> None:
+        self.folder, self.epochs = folder, epochs
+
+    def __call__(self) -> float:
+        try:
+            with (self.folder / runs.TIMINGS).open("rb") as file:
+                return max(0, sum(1 for _ in file) - 1) / self.epochs
+        except OSError:
+            return 0.0
+
+
+# --- what was trained ---------------------------------------------------------------------------------------
+
+
+def policies_of(run: RunFolder, settings: Settings) -> list[Network]:
+    """The kept policy of every seed."""
+    if settings.n_seeds == 1:
+        return [load_policy(run.policy)]
+    return [load_policy(run.seed_folder(seed) / runs.POLICY) for seed in settings.seeds]
+
+
+def trained_stacks(planned: Iterable[Training]) -> dict[tuple[str, str], Stack]:
+    """Policies of every training by recipe and experiment; the kind is to be named."""
+    stacks = {}
+    for each in planned:
+        policies = policies_of(RunFolder(each.folder), each.settings)
+        gains = [policy.card["validation"]["gain"] for policy in policies]
+        chosen, seeds = int(np.argmax(gains)), tuple(each.settings.seeds)
+        stack = Stack(each.recipe, "", each.experiment, seeds, tuple(policies), chosen)
+        stacks[each.recipe, each.experiment] = stack
+    return stacks
+
+
+def shipped_stacks(plan: Plan) -> dict[tuple[str, str], Stack]:
+    """The shipped policies, as stacks of one seed; raises ReproductionError where there are none."""
+    stacks = {}
+    for name in network.zoo_names():
+        if name in plan.experiments:
+            policy = load_policy(network.ZOO + name)
+            recipe, seed = str(policy.card["recipe"]), int(policy.card["seed"])
+            stacks[recipe, name] = Stack(recipe, "", name, (seed,), (policy,), 0)
+    if not stacks:
+        raise ReproductionError("no policies are shipped with this copy: leave out --quick to train them")
+    return stacks
+
+
+def training_gains(planned: Iterable[Training]) -> dict[tuple[str, str], TrainingGains]:
+    """Gains of the training cells in every epoch."""
+    found = {}
+    for each in planned:
+        seeds = each.settings.seeds
+        gain = metrics(RunFolder(each.folder), seeds)["training_gain"]
+        found[each.recipe, each.experiment] = TrainingGains(tuple(seeds), gain)
+    return found
+
+
+# --- tests --------------------------------------------------------------------------------------------------
+
+
+def cases(plan: Plan, stacks: dict[tuple[str, str], Stack]) -> list[Case]:
+    """Every test for which there are policies."""
+    found = []
+    for name, kinds in TESTS.items():
+        tested = tuple(
+            stack._replace(kind=kind)
+            for (_, experiment), stack in sorted(stacks.items(), key=lambda item: item[0][0] != "swarm")
+            for kind, wanted in kinds.items()
+            if experiment == wanted
+        )
+        main = next(iter(kinds.values()))
+        if tested and main in plan.experiments:
+            world = plan.settings(plan.recipes[0], main).test_world()
+            cells = plan.radial_cells if name == EGG else plan.cells
+            found.append(Case(name, world, tested, cells, plan.seed))
+    return found
+
+
+def test_all(plan: Plan, tests: list[Case]) -> dict[str, Measured]:
+    """Outcome of every test; raises ReproductionError where one fails."""
+    tasks = [Task(case.name, measure, (case,), _test_seconds(case)) for case in tests]
+    outcomes = work_off(tasks, plan.workers, title="test")
+    for case, outcome in zip(tests, outcomes, strict=True):
+        if isinstance(outcome, Exception):
+            raise ReproductionError(f"the test {case.name} failed: {outcome}")
+    return {case.name: outcome for case, outcome in zip(tests, outcomes, strict=True)}
+
+
+def _test_seconds(case: Case) -> float:
+    policies = 2 + sum(len(stack.policies) + 1 for stack in case.stacks)
+    return policies * case.world.max_decisions * (5e-3 if case.world.in_flow else 1e-3)
+
+
+def circles(plan: Plan, tests: list[Case]) -> dict[str, Circle]:
+    """What swinging does for each N_T."""
+    return {
+        case.name: swinging_circle(case.world, cells=plan.swinging_cells, seed=plan.seed)
+        for case in tests
+        if case.name in RECORDS
+    }
+
+
+# --- all of it ----------------------------------------------------------------------------------------------
+
+
+def reproduce(plan: Plan, out: Path, publish: Path | None = None) -> list[Claim]:
+    """Train, test, judge, draw and report into `out`, with a copy of all but the runs in `publish`.
+
+    Raises ReproductionError, SettingsError, Stopped or OSError.
+    """
+    from trainers import reporting
+
+    folders = [out] if publish is None else [out, publish]
+    for folder in folders:
+        check_folder(folder)
+    planned = [] if plan.quick else trainings(plan, out)
+    if planned:
+        train_all(plan, planned)
+    stacks = shipped_stacks(plan) if plan.quick else trained_stacks(planned)
+    tests = cases(plan, stacks)
+    evidence = Evidence(test_all(plan, tests), circles(plan, tests), training_gains(planned), plan.seed)
+    curves = shipped_curves(stacks) if plan.quick else trained_curves(planned)
+    with reporting.staging(out) as staged:
+        drawn = draw_all(plan, tests, curves, staged)
+        found = reporting.write(staged, plan, tests, evidence, planned, drawn)
+        for folder in reversed(folders):
+            reporting.put_in_place(staged, folder)
+    return found
+
+
+def check_folder(folder: Path) -> None:
+    """Raises ReproductionError where `folder` holds files that this would overwrite and did not write."""
+    from trainers.reporting import FILES, RECORD
+
+    if folder.exists() and not folder.is_dir():
+        raise ReproductionError(f"--out must be a folder, got the file {folder}")
+    mine = [name for name in FILES if (folder / name).exists()]
+    if mine and RECORD not in mine:
+        raise ReproductionError(
+            f"--out must be a new folder or that of an earlier reproduction: {folder / mine[0]} is there, "
+            f"but no {RECORD}"
+        )
+
+
+def draw_all(plan: Plan, tests: Sequence[Case], curves: Curves, folder: Path) -> list[Drawing]:
+    """Every figure of the paper under every recipe; raises ReproductionError where one cannot be drawn."""
+    from trainers.illustrating import draw_case, draw_training
+
+    recipes = list(dict.fromkeys(stack.recipe for case in tests for stack in case.stacks))
+    drawn = [each for recipe in recipes for each in draw_training(recipe, curves, folder)]
+    tasks = []
+    for case in tests:
+        cells = plan.radial_figure_cells if case.name == EGG else plan.figure_cells
+        for recipe in recipes:
+            if any(stack.recipe == recipe for stack in case.stacks):
+                arguments = (case._replace(cells=cells), recipe, folder)
+                tasks.append(Task(f"{recipe}/{case.name}", draw_case, arguments, 1.0))
+    for task, result in zip(tasks, work_off(tasks, plan.workers, title="figures"), strict=True):
+        if isinstance(result, Exception):
+            raise ReproductionError(f"the figures {task.label} could not be drawn: {result}")
+        drawn += result
+    return sorted(drawn, key=lambda each: (recipes.index(each.recipe), each.number))
