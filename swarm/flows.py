@@ -4,8 +4,9 @@ A flow is any object with `velocity(position)`, `spin(position)`, `speed_scale` 
 normalise what is sensed, and from them follows how finely a path is integrated: they should be about the
 largest values. Used when there and not None: `period` (length after which the flow repeats in x and y), `box`
 (the default start box, else one period), `max_speed` and `max_spin` (bounds of |u| and |ω₀|, for the
-observation space), `inside(position)` (where the flow is known; a cell that leaves is truncated) and
-`velocity_and_spin(x, y)` (u_x, u_y and ω₀ of all places at one go, for speed).
+observation space), `max_shear` (a bound of the velocity's derivatives, where they exceed the spin),
+`inside(position)` (where the flow is known; a cell that leaves is truncated) and `velocity_and_spin(x, y)`
+(u_x, u_y and ω₀ of all places at one go, for speed).
 """
 
 from __future__ import annotations
@@ -103,7 +104,8 @@ class TaylorGreen:
     def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """u_x, u_y and ω₀ (...) at the places (x, y)."""
         xp = namespace(x)
-        # Products of sines and cosines are written as sums, which halves the number of transcendental functions.
+        # Products of sines and cosines are written as sums, which halves the number of transcendental
+        # functions.
         plus, minus = self.wavenumber * (x + y), self.wavenumber * (x - y)
         sine_plus, sine_minus = xp.sin(plus), xp.sin(minus)
         speed, spin = 0.5 * self.speed_scale, 0.5 * self.spin_scale
@@ -328,7 +330,7 @@ class FunctionFlow:
 
     function: Callable[[Array], Array]  # velocity (..., 2) at position (..., 2)
     speed_scale: float  # [length / time]
-    spin_scale: float  # [rad / time]; any positive number where nothing spins
+    spin_scale: float  # [rad / time]; where nothing spins, about the largest velocity gradient
     spin_function: Callable[[Array], Array] | None = None  # spin (...) at position (..., 2)
     max_speed: float | None = None  # a bound of |u|
     max_spin: float | None = None  # a bound of |ω₀|

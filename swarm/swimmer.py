@@ -233,7 +233,8 @@ def error_estimate(
     fastest, spin = getattr(flow, "max_speed", None), getattr(flow, "max_spin", None)
     fastest = flow.speed_scale if fastest is None else fastest
     spin = flow.spin_scale if spin is None else spin
-    wavenumber = spin / fastest if fastest > 0 else 0.0  # a flow changes over a length of about speed/spin
+    spin = max(spin, getattr(flow, "max_shear", None) or 0.0)  # a flow may strain without spinning
+    wavenumber = spin / fastest if fastest > 0 else 0.0  # it changes over a length of about speed/spin
     step, speed = duration / substeps, length / duration
     shift = (fastest + 0.5 * speed * spin * step) * step  # the deviation from the arc
     # Gauss quadrature of a wave with as many radians as the arc and the flow turn through

@@ -138,6 +138,9 @@ class World:
             object.__setattr__(self, "start_box", check_box("start_box", self.start_box))
         for item in ("field", "flow"):
             _check_options(item, getattr(self, item))
+        units = {getattr(part, "length_unit", None) for part in (self.field, self.flow)} - {None}
+        if len(units) > 1:
+            raise ValueError(f"field and flow must have positions in the same unit, got {sorted(units)}")
         if self.sense_flow and not (self.flow.speed_scale > 0 and self.flow.spin_scale > 0):
             raise ValueError(
                 "sense_flow needs a flow with speed_scale and spin_scale above 0 to normalise by, "
@@ -648,7 +651,7 @@ def _check_speeds(values: Any) -> tuple[float, float]:
 
 def _check_options(name: str, part: Any) -> None:
     """Checks what a field or a flow need not have."""
-    for option in ("max_gradient", "max_speed", "max_spin"):
+    for option in ("max_gradient", "max_speed", "max_spin", "max_shear"):
         if getattr(part, option, None) is not None:
             check_number(f"{name}.{option}", getattr(part, option), at_least=0.0)
     for option in ("period", "egg_radius"):
