@@ -239,7 +239,7 @@ class SpermSwarm(ParallelEnv):
         """Actions (cells,); a finished cell keeps its last."""
         try:
             values = list(map(actions.__getitem__, self.agents))
-        except (AttributeError, KeyError):
+        except (AttributeError, LookupError, TypeError):
             raise self._wrong_agents(actions) from None
         if len(values) != len(actions) and not actions.keys() <= self._index.keys():
             raise self._wrong_agents(actions)
