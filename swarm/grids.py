@@ -224,12 +224,7 @@ def open_netcdf(path: str | os.PathLike, names: Sequence[str] | None) -> Any:
         )
         raise ValueError(f"{file} must be a NetCDF-4 file{hint}")
     try:
-        wanted, others = _check_header(file, names)
-        import xarray as xr
-
-        options: dict[str, Any] = {"decode_times": False, "drop_variables": others, "phony_dims": "access"}
-        with xr.open_dataset(file, engine="h5netcdf", **options) as dataset:
-            return dataset[wanted].load()
+        return _read(file, names)
     except _HeaderError as error:
         raise ValueError(f"{file}: {error}") from None
     except MemoryError:
@@ -242,31 +237,50 @@ class _HeaderError(ValueError):
     pass
 
 
-def _check_header(file: Path, names: Sequence[str] | None) -> tuple[list[str], list[str]]:
-    """Names of what is to be read and of what is not; raises where the former is not as it should be."""
+def _read(file: Path, names: Sequence[str] | None) -> Any:
     import h5py
+    import xarray as xr
 
     with h5py.File(file, "r") as opened:
         own = [name for name in opened if isinstance(opened.get(name, getlink=True), h5py.HardLink)]
         stored = {name: opened[name] for name in own if isinstance(opened[name], h5py.Dataset)}
         if names is None:
-            wanted = [
-                name for name, item in stored.items() if name not in AXES and len(item.shape or ()) == 2
-            ]
-        else:
-            for name in names:
-                check_name("variable", name, [name for name in stored if name not in AXES])
-            wanted = list(names)
-        for name in [*wanted, *(axis for axis in AXES if axis in stored)]:
-            item = stored[name]
-            limit = MAX_POINTS if name in AXES else MAX_VALUES
-            size = math.prod(item.shape or ())
-            if size > limit:
-                raise _HeaderError(f"{name} must have at most {limit} values, got {size}")
-            if item.dtype.kind not in "fiu" or item.dtype.itemsize > 16:
-                raise _HeaderError(f"{name} must hold real numbers, got {item.dtype}")
-            if item.external or item.is_virtual:
-                raise _HeaderError(
-                    f"{name} must be stored in the file itself, got a reference to another file"
-                )
-        return wanted, [name for name in opened if name not in {*wanted, *AXES}]
+            names = [name for name, item in stored.items() if name not in AXES and len(item.shape or ()) == 2]
+        for name in names:
+            check_name("variable", name, [known for known in stored if known not in AXES])
+        variables = {}
+        for name in [*names, *(axis for axis in AXES if axis in stored)]:
+            _check_header(name, stored[name])
+            variables[name] = (_dimensions(name, stored[name]), stored[name][()], _attributes(stored[name]))
+    coordinates = {axis: variables.pop(axis) for axis in AXES if axis in variables}
+    return xr.decode_cf(xr.Dataset(variables, coordinates), decode_times=False)
+
+
+def _check_header(name: str, item: Any) -> None:
+    """Raises where a variable is not what it should be, before any of it is read."""
+    limit = MAX_POINTS if name in AXES else MAX_VALUES
+    size = math.prod(item.shape or ())
+    if size > limit:
+        raise _HeaderError(f"{name} must have at most {limit} values, got {size}")
+    if item.dtype.kind not in "fiu" or item.dtype.itemsize > 16:
+        raise _HeaderError(f"{name} must hold real numbers, got {item.dtype}")
+    if item.external or item.is_virtual:
+        raise _HeaderError(f"{name} must be stored in the file itself, got a reference to another file")
+
+
+def _dimensions(name: str, item: Any) -> tuple[str, ...]:
+    if name in AXES and len(item.shape) == 1:
+        return (name,)
+    if not all(len(dimension) for dimension in item.dims):
+        raise _HeaderError(f"{name} must have named dimensions, got {item.shape}")
+    return tuple(dimension[0].name.rsplit("/", 1)[-1] for dimension in item.dims)
+
+
+def _attributes(item: Any) -> dict[str, Any]:
+    """What is needed to unpack a variable, and its units."""
+    attributes = {}
+    for name in ("units", "scale_factor", "add_offset", "_FillValue", "missing_value"):
+        if name in item.attrs:
+            value = item.attrs[name]
+            attributes[name] = value.decode() if isinstance(value, bytes) else np.ravel(value)[0]
+    return attributes

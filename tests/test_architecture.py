@@ -15,8 +15,9 @@ SWARM = sorted((ROOT / "swarm").glob("*.py"))
 # Imports run one way: a module looks only at rooms above its own.
 FLOORS = [
     {"checks", "arrays", "streams", "files"},
-    {"fields", "flows"},
-    {"gridded", "swimmer", "perception"},
+    {"fields", "flows", "splines"},
+    {"grids", "swimmer", "perception"},
+    {"gridded"},
     {"world"},
     {"starts"},
     {"strategies", "optimal", "network", "policy_files"},
