@@ -26,7 +26,8 @@ _SERIES = ("time", "x", "y", "heading", "curvature", "concentration")
 def page(results: xr.Dataset, *, title: str = "Swarm", cells: int | None = None) -> str:
     """HTML of a population test that was recorded; nothing is loaded from elsewhere.
 
-    Shows the first `cells` cells (at most 200) of every policy. Raises ValueError for results without time series.
+    Shows the first `cells` cells (at most 200) of every policy. Raises ValueError for results without time
+    series.
     """
     if "position" not in results:
         raise ValueError(

@@ -183,7 +183,7 @@ def watch_from(
     """`swarm watch`."""
     from rich.progress import Progress
 
-    from swarm.network import PolicyError
+    from swarm.policy_files import PolicyError
     from trainers import watching
 
     try:

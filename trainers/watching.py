@@ -62,8 +62,8 @@ def watch(
 ) -> None:
     """Show a policy in a window, or write a film (.mp4, .gif, .webm) or a page (.html), whole or not at all.
 
-    `progress` is called with the decisions that are done and the most there can be. Raises PolicyError for a policy that
-    cannot be had.
+    `progress` is called with the decisions that are done and the most there can be. Raises PolicyError for
+    a policy that cannot be had.
     """
     check_target(out)
     player = named_policy(policy, world)
@@ -117,7 +117,7 @@ def _film(path: Path, suffix: str, pictures: Iterator[np.ndarray]) -> None:
     try:
         with imageio.get_writer(named, **options) as writer:
             for picture in pictures:
-                writer.append_data(picture)
+                writer.append_data(picture)  # type: ignore[attr-defined]
         named.replace(path)
     finally:
         named.unlink(missing_ok=True)
