@@ -18,8 +18,8 @@ def read_bytes(path: str | os.PathLike, *, at_most: int) -> bytes:
         raise ValueError(f"{path} must be an ordinary file")
     if about.st_size <= at_most:
         with open(path, "rb") as file:
-            data = file.read(at_most + 1)
-        if len(data) <= at_most:
+            data = file.read(about.st_size + 1)  # not more: so much is set aside at once
+        if len(data) <= about.st_size:
             return data
     raise ValueError(f"{path} must have at most {at_most} bytes, got {about.st_size}")
 
