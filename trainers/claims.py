@@ -92,12 +92,12 @@ def claim(
 # --- swinging and greedy, which nobody trains ---------------------------------------------------------------
 
 
-def swinging_returns(name: str, circle: Circle) -> Claim:
+def swinging_returns(name: str, setting: str, circle: Circle) -> Claim:
     """Swinging leads back to the start."""
     return claim(
         f"swinging_returns_{name}",
-        "A cell that swings comes back to where it began: after a revolution a centre of curvature lies less "
-        "than one step of the centreline from the first.",
+        f"With {setting} a cell that swings comes back to where it began: after a revolution a centre of "
+        "curvature lies less than one step of the centreline from the first.",
         DEVISED,
         lambda back: back,
         circle.back,
@@ -107,12 +107,12 @@ def swinging_returns(name: str, circle: Circle) -> Claim:
     )
 
 
-def swinging_circle(name: str, circle: Circle) -> Claim:
+def swinging_circle(name: str, setting: str, circle: Circle) -> Claim:
     """Its centreline is a circle of the predicted radius."""
     return claim(
         f"swinging_circle_{name}",
-        "The centreline of swinging is an arc, in time a whole circle: every centre lies on the predicted "
-        f"circle, within {100 * ROUND:g}% of its radius.",
+        f"With {setting} the centreline of swinging is an arc, in time a whole circle: every centre of "
+        f"curvature keeps to the predicted circle within {100 * ROUND:g}% of its radius.",
         DEVISED,
         lambda deviation: deviation,
         circle.deviation,

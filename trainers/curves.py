@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from importlib import resources
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -100,8 +100,3 @@ def shipped_curves(stacks: Mapping[tuple[str, str], Stack]) -> dict[tuple[str, s
             if stored:
                 found[key] = TrainingCurve(**stored)
     return found
-
-
-def as_json(curve: TrainingCurve) -> dict[str, Any]:
-    """Plain values, which `shipped_curves` reads."""
-    return curve._asdict()

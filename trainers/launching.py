@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import time
 from collections import Counter
@@ -232,8 +233,9 @@ def reproduce_from(out: Path, quick: bool, seeds: int, jobs: int | None, publish
     except ImportError as error:
         fail(f"this needs the extra packages of chemoswarm[train]: {error}")
     try:
-        workers = {} if jobs is None else {"workers": check_count("--jobs", jobs)}
-        plan = Plan(quick=quick, n_seeds=check_count("--seeds", seeds), **workers)
+        plan = Plan(quick=quick, n_seeds=check_count("--seeds", seeds))
+        if jobs is not None:
+            plan = dataclasses.replace(plan, workers=check_count("--jobs", jobs))
         claims = reproducing.reproduce(plan, out, publish)
     except (reproducing.ReproductionError, SettingsError, Stopped, ValueError) as error:
         fail(error)

@@ -150,8 +150,8 @@ def report(
     drawn: Sequence[Drawing],
 ) -> str:
     """Markdown, to be read on its own."""
-    parts = [_opening(plan, tests), _verdicts(claims), _results(results), _flow(evidence), _costs(costs)]
-    parts += [_drawings(plan, drawn)]
+    parts = [_opening(plan, tests), _verdicts(claims), _results(results), _flow(evidence)]
+    parts += [_swinging(evidence), _costs(costs), _drawings(plan, drawn)]
     return "\n".join(part for part in parts if part)
 
 
@@ -273,6 +273,30 @@ def _flow(evidence: Evidence) -> str:
     return "In the flow, cell by cell:\n\n" + "\n".join(lines) + "\n"
 
 
+def _swinging(evidence: Evidence) -> str:
+    if not evidence.circles:
+        return ""
+    rows = [
+        [
+            name,
+            f"{circle.fitted.mean():.4f}",
+            f"{circle.predicted:.4f}",
+            _number(float(circle.deviation.max())),
+            _number(circle.revolution),
+        ]
+        for name, circle in evidence.circles.items()
+    ]
+    headings = [
+        "test",
+        "fitted radius",
+        "predicted radius",
+        "farthest off, per radius",
+        "time of a revolution",
+    ]
+    table = tables.as_markdown(headings, rows)
+    return f"Circles of swinging, through the centres of the arcs with the lowest curvature:\n\n{table}"
+
+
 def _costs(costs: Sequence[Row]) -> str:
     if not costs:
         return ""
@@ -319,6 +343,8 @@ def _drawings(plan: Plan, drawn: Sequence[Drawing]) -> str:
 def _number(value: float | None, *, sign: bool = False) -> str:
     if value is None:
         return "–"
+    if 0 < abs(value) < 5e-4:
+        return f"{value:.1g}"
     digits = 2 if abs(value) >= 1 else 3
     return f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
 

@@ -64,7 +64,7 @@ def _result(case: Case, measured: Measured, recipe: str, kind: str, lives: Lives
         "lead_low": None if kind == RIVAL or ahead.interval is None else ahead.interval[0],
         "lead_high": None if kind == RIVAL or ahead.interval is None else ahead.interval[1],
         "beat_greedy": None if kind == RIVAL else float(np.mean(gain > greedy)),
-        "angle": angle.value if linear else None,
+        "angle": angle.value if linear and kind != "swinging" else None,
         "arrived": None if case.world.egg is None else float(lives.arrived.mean()),
         "mean_lifetime": None if case.world.egg is None else float(lives.lifetime.mean()),
         "authors": AUTHORS.get((case.name, kind)) if recipe == "paper" else None,
