@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 import torch
+from tensordict import TensorDict
+from torchrl.data import MultiStep
 
 from swarm.torchrl_env import SwarmEnv
-from trainers.collecting import Explorer
+from trainers.collecting import Explorer, multi_step
 from trainers.q_network import QNetwork
 
 
@@ -77,14 +79,15 @@ def test_collecting_stops_when_every_life_has_ended():
 
 def test_lives_that_run_out_of_time_are_not_terminated():
     made = explorer(life=2.0)
-    assert not made.collect(network(made), 0.5, 100)["terminated"].any()
+    assert (made.collect(network(made), 0.5, 100)["bootstrap"] == made.discount).all()
 
 
 def test_cells_that_arrive_are_terminated():
     made = explorer(swimmers=60, field="radial", start_box=((-1.5, 1.5), (-1.5, 1.5)))
     rows = made.collect(network(made), 1.0, 100)
-    assert rows["terminated"].any()
-    assert rows["valid"][rows["terminated"]].all()
+    arrived = (rows["bootstrap"] == 0) & (rows["valid"] > 0)
+    assert arrived.any()
+    assert (rows["bootstrap"][~arrived & (rows["valid"] > 0)] == made.discount).all()
 
 
 def test_rewards_telescope_to_the_gain_of_the_mean_record():
@@ -115,3 +118,53 @@ def test_draws_are_named_by_the_round_and_differ_between_rounds():
     other.rounds = 1
     assert torch.equal(other.collect(net, 1.0, 4)["action"], second)
     assert not torch.equal(first, second)
+
+
+def test_returns_over_several_decisions_by_hand():
+    reward = torch.tensor([[1.0], [2.0], [4.0], [8.0]])
+    following = torch.arange(1.0, 5.0)[:, None, None]
+    alive = torch.ones(4, 1, dtype=torch.bool)
+    total, reached, bootstrap = multi_step(reward, following, ~alive, alive, discount=0.5, steps=3)
+    assert total.flatten().tolist() == [1 + 1 + 1, 2 + 2 + 2, 4 + 4, 8]
+    assert reached.flatten().tolist() == [3, 4, 4, 4]
+    assert bootstrap.flatten().tolist() == [0.125, 0.125, 0.25, 0.5]
+
+
+def test_returns_end_with_the_life():
+    reward = torch.tensor([[1.0], [2.0], [0.0]])
+    following = torch.arange(1.0, 4.0)[:, None, None]
+    valid = torch.tensor([[True], [True], [False]])
+    for terminated, last in ((False, 0.5), (True, 0.0)):
+        ends = torch.tensor([[False], [terminated], [False]])
+        total, reached, bootstrap = multi_step(reward, following, ends, valid, discount=0.5, steps=3)
+        assert total.flatten().tolist()[:2] == [2.0, 2.0]
+        assert reached.flatten().tolist()[:2] == [2.0, 2.0]
+        assert bootstrap.flatten().tolist()[:2] == [0.5 * last, last]
+
+
+def test_returns_are_those_of_torchrl():
+    generator = torch.Generator().manual_seed(0)
+    reward = torch.randn(6, 5, generator=generator)
+    following = torch.randn(6, 5, 3, generator=generator)
+    ends = torch.rand(6, 5, generator=generator) < 0.15
+    valid = torch.cat([torch.ones(1, 5), (~ends).cumprod(0)[:-1]]).bool()
+    never = torch.zeros_like(ends)  # TorchRL leaves the termination of later decisions to its user
+    total, reached, bootstrap = multi_step(reward, following, never, valid, discount=0.9, steps=3)
+    rows = TensorDict(
+        {
+            "observation": torch.zeros(5, 6, 3),
+            "collector": {"mask": valid.T},
+            "next": {
+                "observation": following.transpose(0, 1),
+                "reward": reward.T.unsqueeze(-1),
+                "done": ends.T.unsqueeze(-1),
+                "terminated": never.T.unsqueeze(-1),
+            },
+        },
+        batch_size=(5, 6),
+    )
+    stock = MultiStep(gamma=0.9, n_steps=3)(rows)
+    seen = valid.T
+    assert torch.allclose(stock["next", "reward"].squeeze(-1)[seen], total.T[seen], atol=1e-6)
+    assert torch.allclose(stock["next", "observation"][seen], reached.transpose(0, 1)[seen])
+    assert torch.allclose(stock["gamma"].squeeze(-1)[seen], bootstrap.T[seen], atol=1e-6)

@@ -35,7 +35,7 @@ def batch(seeds=1, rows=ROWS, draw=0):
             "next_observation": torch.randn(*shape, 8, generator=generator),
             "action": torch.randint(2, shape, generator=generator),
             "reward": 2 * torch.randn(shape, generator=generator),
-            "terminated": torch.rand(shape, generator=generator) < 0.2,
+            "bootstrap": DISCOUNT * (torch.rand(shape, generator=generator) >= 0.2),
             "valid": torch.ones(shape),
         },
         batch_size=shape,
@@ -69,6 +69,7 @@ def torchrl_loss(online, target, data, *, double, kind, truncated):
     for name, parameter in leaves(loss.target_value_network_params):
         parameter.data.copy_(dict(torch_module(target).named_parameters())[name])
     row = data[0]
+    terminated = row["bootstrap"][:, None] == 0
     stock = TensorDict(
         {
             "observation": row["observation"],
@@ -76,8 +77,8 @@ def torchrl_loss(online, target, data, *, double, kind, truncated):
             "next": {
                 "observation": row["next_observation"],
                 "reward": row["reward"][:, None],
-                "terminated": row["terminated"][:, None],
-                "done": (row["terminated"] | truncated)[:, None],
+                "terminated": terminated,
+                "done": terminated | truncated[:, None],
             },
         },
         batch_size=row.batch_size,
@@ -102,7 +103,7 @@ def test_loss_and_gradient_are_those_of_torchrl(kind, double):
     data, online, target = batch(), network(1), network(1, first=10)
     truncated = torch.rand(ROWS, generator=torch.Generator().manual_seed(5)) < 0.3
     expected, gradient = torchrl_loss(online, target, data, double=double, kind=kind, truncated=truncated)
-    outcome = dqn_loss(online, target, data, discount=DISCOUNT, double=double, kind=kind)
+    outcome = dqn_loss(online, target, data, double=double, kind=kind)
     assert outcome.loss[0] == pytest.approx(float(expected), rel=1e-5)
     assert torch.allclose(outcome.gradient[0], gradient, rtol=1e-4, atol=1e-6)
 
@@ -110,50 +111,49 @@ def test_loss_and_gradient_are_those_of_torchrl(kind, double):
 def test_targets_bootstrap_unless_terminated():
     online = network(1)
     data = batch()[:, :1]
-    data["terminated"][:] = False
+    data["bootstrap"][:] = DISCOUNT
     following = online.values(data["next_observation"]).amax(-1)
     value = online.values(data["observation"])[0, 0, data["action"][0, 0]]
     reward = data["reward"]
     for ended, goal in ((False, reward + DISCOUNT * following), (True, reward)):
-        data["terminated"][:] = ended
-        outcome = dqn_loss(online, online, data, discount=DISCOUNT, double=False, kind="squared")
+        data["bootstrap"][:] = 0.0 if ended else DISCOUNT
+        outcome = dqn_loss(online, online, data, double=False, kind="squared")
         assert outcome.loss[0] == pytest.approx(float((value - goal) ** 2), rel=1e-5)
 
 
 def test_double_dqn_values_with_the_target_what_the_online_network_chooses():
     online, target, data = network(1), network(1, first=3), batch()[:, :1]
-    data["terminated"][:] = False
+    data["bootstrap"][:] = DISCOUNT
     choice = online.values(data["next_observation"]).argmax(-1)[0, 0]
     goal = data["reward"] + DISCOUNT * target.values(data["next_observation"])[..., choice]
     value = online.values(data["observation"])[0, 0, data["action"][0, 0]]
-    outcome = dqn_loss(online, target, data, discount=DISCOUNT, double=True, kind="squared")
+    outcome = dqn_loss(online, target, data, double=True, kind="squared")
     assert outcome.loss[0] == pytest.approx(float((value - goal) ** 2), rel=1e-5)
 
 
 @pytest.mark.parametrize("kind", ["squared", "huber"])
 def test_rows_that_are_not_valid_count_for_nothing(kind):
     online, target, data = network(2), network(2, first=7), batch(2)
-    whole = dqn_loss(online, target, data[:, :40], discount=DISCOUNT, double=True, kind=kind)
+    whole = dqn_loss(online, target, data[:, :40], double=True, kind=kind)
     data["valid"][:, 40:] = 0
     data["reward"][:, 40:] = 1e6
-    masked = dqn_loss(online, target, data, discount=DISCOUNT, double=True, kind=kind)
+    masked = dqn_loss(online, target, data, double=True, kind=kind)
     for expected, got in zip(whole, masked, strict=True):
         assert torch.allclose(expected, got, rtol=1e-5, atol=1e-6)
     data["valid"][:] = 0
-    nothing = dqn_loss(online, target, data, discount=DISCOUNT, double=True, kind=kind)
+    nothing = dqn_loss(online, target, data, double=True, kind=kind)
     assert not nothing.loss.any()
     assert not nothing.gradient.any()
 
 
 def test_seeds_in_a_stack_do_not_mix():
     online, target, data = network(3), network(3, first=20), batch(3)
-    stacked = dqn_loss(online, target, data, discount=DISCOUNT, double=True, kind="huber")
+    stacked = dqn_loss(online, target, data, double=True, kind="huber")
     for seed in range(3):
         alone = dqn_loss(
             QNetwork(online.flat[seed : seed + 1], SIZES),
             QNetwork(target.flat[seed : seed + 1], SIZES),
             data[seed : seed + 1],
-            discount=DISCOUNT,
             double=True,
             kind="huber",
         )

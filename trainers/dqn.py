@@ -24,13 +24,13 @@ class LossOutcome(NamedTuple):
 
 
 def dqn_loss(
-    online: QNetwork, target: QNetwork, batch: TensorDictBase, *, discount: float, double: bool, kind: str
+    online: QNetwork, target: QNetwork, batch: TensorDictBase, *, double: bool, kind: str
 ) -> LossOutcome:
     """The DQN loss (paper: loss function; van Hasselt et al. 2016 with `double`) and its gradient.
 
-    `batch` (seeds, rows): `observation`, `next_observation` (…, inputs), `action`, `reward`, `terminated`,
-    and `valid`, the rows that count. The target r + γ Q(s′) bootstraps unless terminated; a life cut short by
-    time is not a termination. Equal to `torchrl.objectives.DQNLoss` where every row is valid (a test holds
+    `batch` (seeds, rows): `observation`, `next_observation` (…, inputs), `action`, `reward`, `bootstrap`, by
+    which the next value counts (γ, 0 after a termination; a life cut short by time is none), and `valid`, the
+    rows that count. Equal to `torchrl.objectives.DQNLoss` where every row is valid (a test holds
     it), without its overhead.
     """
     following = target.values(batch["next_observation"])
@@ -39,7 +39,7 @@ def dqn_loss(
         best = following.gather(-1, chooser.argmax(-1, keepdim=True)).squeeze(-1)
     else:
         best = following.amax(-1)
-    goal = batch["reward"] + discount * torch.where(batch["terminated"], 0.0, best)
+    goal = batch["reward"] + batch["bootstrap"] * best
     layers = online.layers(batch["observation"])
     action = batch["action"].unsqueeze(-1)
     value = layers[-1].gather(-1, action).squeeze(-1)
@@ -124,14 +124,7 @@ class Learner:
         batches = self.buffer.sample(settings.updates * settings.batch_size)
         outcome = None
         for batch in batches.split(settings.batch_size, dim=1):
-            outcome = dqn_loss(
-                self.online,
-                self.target,
-                batch,
-                discount=settings.discount,
-                double=settings.double,
-                kind=settings.loss,
-            )
+            outcome = dqn_loss(self.online, self.target, batch, double=settings.double, kind=settings.loss)
             self.online.flat.grad = outcome.gradient
             self.optimiser.param_groups[0]["lr"] = learning_rate(self.updates)
             self.optimiser.step()

@@ -55,6 +55,7 @@ class LearningSettings:
         default_factory=lambda: [24, 24, 24]
     )  # N_hidden = 3 layers of N_n nodes, paper table 2
     discount: float = 0.98  # γ, paper table 2
+    n_steps: int = 1  # decisions whose rewards a target sums before it bootstraps
     double: bool = (
         False  # double DQN: the online network chooses the next action, the target network values it
     )
@@ -208,7 +209,7 @@ def _check_network(learning: LearningSettings, world: World) -> None:
 
 
 def _check_learning(learning: LearningSettings) -> None:
-    for name in ("n_swimmers", "n_worlds", "epochs", "updates", "batch_size", "buffer_size"):
+    for name in ("n_swimmers", "n_worlds", "epochs", "updates", "n_steps", "batch_size", "buffer_size"):
         check_count(f"learning.{name}", getattr(learning, name))
     check_count("learning.collect", learning.collect, at_least=0)
     if not learning.hidden:

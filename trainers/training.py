@@ -85,16 +85,16 @@ class Training:
         self.measures = np.zeros((0, len(self.seeds), len(MEASURES)))
 
     def _make_explorer(self, world: World, compile: bool) -> Explorer:
-        settings = self.settings
+        settings, learning = self.settings, self.settings.learning
         env = SwarmEnv(
-            settings.learning.n_worlds * len(self.seeds),
+            learning.n_worlds * len(self.seeds),
             None if settings.device == "cpu" else settings.device,
-            n_swimmers=settings.learning.n_swimmers,
+            n_swimmers=learning.n_swimmers,
             seeds=self.seeds,
             compile_step=compile,
             world=world,
         )
-        return Explorer(env, compile=compile)
+        return Explorer(env, discount=learning.discount, n_steps=learning.n_steps, compile=compile)
 
     # --- one epoch ------------------------------------------------------------------------------------------
 
