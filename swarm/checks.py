@@ -9,7 +9,7 @@ import operator
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from array_api_compat import array_namespace
+from swarm.arrays import namespace
 
 Array = Any
 
@@ -126,7 +126,7 @@ def check_cells(name: str, rule: str, value: Array, good: Array) -> None:
     `value` is (..., cells) or (..., cells, k). Inside a trace (jax.jit), where nothing is known yet, nothing
     is checked.
     """
-    xp = array_namespace(good)
+    xp = namespace(good)
     try:
         if bool(xp.all(good)):
             return

@@ -13,8 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-from array_api_compat import array_namespace
-
+from swarm.arrays import namespace
 from swarm.checks import check_box, check_function, check_number, check_point, settle
 
 Array = Any
@@ -111,7 +110,7 @@ class GaussianPlume:
 
     def concentration(self, position: Array) -> Array:
         """Concentration (...) at `position` (..., 2)."""
-        xp = array_namespace(position)
+        xp = namespace(position)
         exponent = _distance_squared(position, self.egg_position) * (-0.5 / self.width**2)
         return self.offset + self.amplitude * xp.exp(exponent)
 

@@ -16,8 +16,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-from array_api_compat import array_namespace
-
 from swarm.arrays import join, namespace
 from swarm.checks import check_box, check_flag, check_function, check_number, check_point, settle
 
@@ -154,7 +152,7 @@ class UniformFlow:
 
     def velocity(self, position: Array) -> Array:
         """Velocity u (..., 2) at `position` (..., 2)."""
-        xp = array_namespace(position)
+        xp = namespace(position)
         along = xp.ones_like(position[..., 0])
         return xp.stack([self.current[0] * along, self.current[1] * along], axis=-1)
 
@@ -189,13 +187,13 @@ class ShearFlow:
 
     def velocity(self, position: Array) -> Array:
         """Velocity u (..., 2) at `position` (..., 2)."""
-        xp = array_namespace(position)
+        xp = namespace(position)
         along = (self.speed_scale / self.height) * position[..., 1]
         return xp.stack([along, xp.zeros_like(along)], axis=-1)
 
     def spin(self, position: Array) -> Array:
         """Angular velocity ω₀ (...) at `position` (..., 2)."""
-        xp = array_namespace(position)
+        xp = namespace(position)
         return xp.full_like(position[..., 0], -self.spin_scale)
 
 
@@ -243,12 +241,12 @@ class PoiseuilleFlow:
 
     def _place(self, position: Array) -> Array:
         """(2y − a − b)/(b − a): −1 at one wall, 1 at the other."""
-        xp = array_namespace(position)
+        xp = namespace(position)
         return xp.clip((2 * position[..., 1] - (self.walls[0] + self.walls[1])) / self.width, -1.0, 1.0)
 
     def velocity(self, position: Array) -> Array:
         """Velocity u (..., 2) at `position` (..., 2)."""
-        xp = array_namespace(position)
+        xp = namespace(position)
         place = self._place(position)
         return xp.stack([self.speed_scale * (1 - place * place), xp.zeros_like(place)], axis=-1)
 
@@ -306,7 +304,7 @@ class Vortex:
 
     def velocity(self, position: Array) -> Array:
         """Velocity u (..., 2) at `position` (..., 2)."""
-        xp = array_namespace(position)
+        xp = namespace(position)
         x, y, square = self._from_centre(position)
         near = square < 1e-12  # there (1 − exp(−s))/s is 1 to rounding
         decay = -xp.expm1(-square) / xp.where(near, xp.ones_like(square), square)
@@ -315,7 +313,7 @@ class Vortex:
 
     def spin(self, position: Array) -> Array:
         """Angular velocity ω₀ (...) at `position` (..., 2)."""
-        xp = array_namespace(position)
+        xp = namespace(position)
         return self._turning * xp.exp(-self._from_centre(position)[2])
 
 
@@ -364,7 +362,7 @@ class FunctionFlow:
         differences."""
         if self.spin_function is not None:
             return self.spin_function(position)
-        xp = array_namespace(position)
+        xp = namespace(position)
         # The step balances the fourth-order formula's error against rounding.
         length = min(self.speed_scale / self.spin_scale, 1.0)
         step = float(xp.finfo(position.dtype).eps) ** 0.2 * length
