@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -68,6 +69,11 @@ def draw_training(recipe: str, curves: Curves, folder: Path) -> list[Drawing]:
             ),
         ),
     ]
+
+
+def draw_tests(tests: Sequence[tuple[Case, int]], recipe: str, folder: Path) -> list[Drawing]:
+    """Figures of every test, each with so many cells."""
+    return [each for case, cells in tests for each in draw_case(case._replace(cells=cells), recipe, folder)]
 
 
 def draw_case(case: Case, recipe: str, folder: Path) -> list[Drawing]:

@@ -293,8 +293,6 @@ def show_table(rows: list[list[str]]) -> None:
 
 def described(settings: Settings) -> str:
     """The resolved settings as YAML."""
-    import dataclasses
-
     import yaml
 
     return yaml.safe_dump(dataclasses.asdict(settings), sort_keys=False).rstrip()

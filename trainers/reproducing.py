@@ -252,19 +252,20 @@ def check_folder(folder: Path) -> None:
 
 def draw_all(plan: Plan, tests: Sequence[Case], curves: Curves, folder: Path) -> list[Drawing]:
     """Every figure of the paper under every recipe; raises ReproductionError where one cannot be drawn."""
-    from trainers.illustrating import draw_case, draw_training
+    from trainers.illustrating import draw_tests, draw_training
 
     recipes = list(dict.fromkeys(stack.recipe for case in tests for stack in case.stacks))
     drawn = [each for recipe in recipes for each in draw_training(recipe, curves, folder)]
     tasks = []
-    for case in tests:
-        cells = plan.radial_figure_cells if case.name == EGG else plan.figure_cells
-        for recipe in recipes:
-            if any(stack.recipe == recipe for stack in case.stacks):
-                arguments = (case._replace(cells=cells), recipe, folder)
-                tasks.append(Task(f"{recipe}/{case.name}", draw_case, arguments, 1.0))
+    for recipe in recipes:
+        mine = [
+            (case, plan.radial_figure_cells if case.name == EGG else plan.figure_cells)
+            for case in tests
+            if any(stack.recipe == recipe for stack in case.stacks)
+        ]
+        tasks.append(Task(recipe, draw_tests, (mine, recipe, folder), 1.0))
     for task, result in zip(tasks, work_off(tasks, plan.workers, title="figures"), strict=True):
         if isinstance(result, Exception):
-            raise ReproductionError(f"the figures {task.label} could not be drawn: {result}")
+            raise ReproductionError(f"the figures of {task.label} could not be drawn: {result}")
         drawn += result
     return sorted(drawn, key=lambda each: (recipes.index(each.recipe), each.number))

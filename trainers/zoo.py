@@ -1,7 +1,8 @@
 """Shipped policies: `python -m trainers.zoo OUT` puts what a full reproduction chose into swarm/zoo.
 
-For each experiment the policy that validation prefers among its seeds, with a card that states settings, seeds,
-versions, commit, and gains in validation and in the test; NAME.json holds the card and the training curve for readers.
+For each experiment the policy that validation prefers among its seeds, with a card that states settings,
+seeds, versions, commit, and gains in validation and in the test. NAME.json holds the card for readers, and
+the training curve.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ class ZooError(RuntimeError):
 def ship(out: Path, zoo: Path = ZOO) -> list[str]:
     """Write a policy and a card for every experiment of the reproduction in `out`; returns their names.
 
-    Nothing is written unless every one of them can be. Raises ZooError, RunError, SettingsError or PolicyError.
+    Nothing is written unless every one of them can be. Raises ZooError, RunError, SettingsError or
+    PolicyError.
     """
     record = _record(out)
     planned = [
@@ -84,7 +86,7 @@ def _rows(path: Path) -> list[Row]:
 def _card(
     training: Training, stack: Stack, results: Sequence[Row], seeds: Sequence[Row], record: dict[str, Any]
 ) -> dict[str, Any]:
-    """The policy's own card, with what the test says of it; raises ZooError where the test was of another policy."""
+    """The policy's card, with what the test says of it; raises ZooError where that was of another policy."""
     test, kind = next(
         (name, kind)
         for name, kinds in TESTS.items()
