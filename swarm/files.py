@@ -25,12 +25,24 @@ def read_bytes(path: str | os.PathLike, *, at_most: int) -> bytes:
 
 
 @contextmanager
+def naming(path: str | os.PathLike) -> Iterator[None]:
+    """Within, an OSError that names no file, as a full disk's does, names this one."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and error.errno is not None:
+            error.filename = os.fspath(path)
+        raise
+
+
+@contextmanager
 def replacing(path: str | os.PathLike) -> Iterator[Path]:
     """A temporary path to write to; at the end it takes the place of `path`, after an error it is removed."""
     target = Path(path)
     temporary = _sibling(target)
     try:
-        yield temporary
+        with naming(target):
+            yield temporary
         _flush(temporary)
         os.replace(temporary, target)
         _flush(target.parent)
@@ -74,7 +86,8 @@ def new_folder(path: str | os.PathLike) -> Iterator[Path]:
     temporary = _sibling(target)
     temporary.mkdir()
     try:
-        yield temporary
+        with naming(target):
+            yield temporary
         for file in temporary.rglob("*"):
             _flush(file)
         _flush(temporary)

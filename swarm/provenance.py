@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import platform
 import subprocess
 from importlib import metadata
@@ -23,6 +24,7 @@ def versions(*packages: str) -> dict[str, str]:
     return found
 
 
+@functools.cache  # the code that runs stays what it was when it was loaded
 def commit() -> str | None:
     """The commit of this source tree, followed by "-dirty" where files differ; None for an installed copy."""
     root = Path(__file__).resolve().parent.parent

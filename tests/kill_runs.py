@@ -85,8 +85,7 @@ def killed_run(folder, longest, moments, most):
 
 def main(wanted, parent, seed):
     torch.set_num_threads(1)
-    commit = provenance.commit()
-    provenance.commit = lambda: commit  # files may be edited meanwhile
+    provenance.commit()  # once: files may be edited meanwhile
     moments = random.Random(seed)
     seconds = run_to_end(parent / "whole")
     whole, kills, count = runs.RunFolder(parent / "whole"), 0, 0

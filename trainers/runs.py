@@ -150,7 +150,7 @@ class RunFolder:
     def append(self, name: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
         """Further rows of a table, which must be there."""
         descriptor = os.open(self.path / name, os.O_WRONLY | os.O_APPEND)
-        with open(descriptor, "a", encoding="utf-8", newline="") as file:
+        with files.naming(self.path / name), open(descriptor, "a", encoding="utf-8", newline="") as file:
             file.write(_table(columns, rows, header=False))
 
 
