@@ -54,7 +54,7 @@ def equal(a, b):
     return all(np.array_equal(to_numpy(x), to_numpy(y)) for x, y in zip(a, b, strict=True))
 
 
-# --- kinematics --------------------------------------------------------------------------------------------
+# --- kinematics ------------------------------------------------------------------------------------------
 
 WORLDS = [
     World(
@@ -163,7 +163,7 @@ def test_a_step_leaves_its_input_as_it_was(xp, world):
     np.testing.assert_array_equal(to_numpy(action), 1)
 
 
-# --- intervals and clocks ----------------------------------------------------------------------------------
+# --- intervals and clocks --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("n_records", "interval"), [(2, 0.78), (4, 0.38), (8, 0.18)])
@@ -262,7 +262,7 @@ def test_cells_with_different_clocks_end_at_different_steps(xp):
     assert ends == [[False, False], [False, False], [False, True], [True, True]]
 
 
-# --- reward, gain, observations ----------------------------------------------------------------------------
+# --- reward, gain, observations --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -344,7 +344,7 @@ def test_without_a_known_bound_the_observation_may_be_any_float32():
     assert world.observation_bounds[1] == pytest.approx(1.0, abs=0.01)
 
 
-# --- arrival and domains -----------------------------------------------------------------------------------
+# --- arrival and domains ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -432,7 +432,7 @@ def test_a_cell_that_leaves_the_domain_is_truncated(xp):
     assert 0 < np.sum(to_numpy(states[-1].finished)) < 40
 
 
-# --- what a life does not depend on ------------------------------------------------------------------------
+# --- what a life does not depend on ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -501,7 +501,7 @@ def test_the_past_of_a_start_does_not_move_its_pose():
         np.testing.assert_array_equal(starts[n].heading, starts[2].heading)
 
 
-# --- perturbations -----------------------------------------------------------------------------------------
+# --- perturbations ---------------------------------------------------------------------------------------
 
 QUIET = [
     World(),
@@ -602,7 +602,7 @@ def test_a_perturbed_world_needs_noise_of_every_cell(channel):
             world.step(state, np.zeros(3, int), noise)
 
 
-# --- errors ------------------------------------------------------------------------------------------------
+# --- errors ----------------------------------------------------------------------------------------------
 
 
 def test_a_start_of_the_wrong_shape_or_type_is_an_error():
@@ -676,3 +676,22 @@ def test_a_world_under_jit_is_the_world():
         expected, expected_outcome = world.step(world.start(*draw_starts(world, 5, 0)), np.asarray(action))
         for ours, theirs in zip((*after, *outcome), (*expected, *expected_outcome), strict=True):
             np.testing.assert_allclose(to_numpy(ours), theirs, rtol=0, atol=1e-6)
+
+
+# --- what single precision costs ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("world", "tolerance"),
+    [(World(), 5e-5), (World(varying_speed=True), 5e-5), (World(flow="taylor_green"), 5e-3)],
+    ids=["still", "varying", "flow"],
+)
+def test_a_life_in_float32_stays_close_to_one_in_float64(world, tolerance):
+    # benchmarks/float32_cost.py prints the numbers: 1e-6 per interval; in a flow neighbouring paths part
+    single, double = (
+        live(np, world, 20, world.max_decisions, dtype=dtype)[0] for dtype in (np.float32, np.float64)
+    )
+    error = np.abs(place_and_heading(single[-1]) - place_and_heading(double[-1])).max()
+    print(f"after {world.life:g} time units: {error:.1e}")
+    assert error < tolerance
+    assert np.abs(place_and_heading(single[1]) - place_and_heading(double[1])).max() < 5e-6
