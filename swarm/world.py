@@ -138,7 +138,7 @@ class World:
             object.__setattr__(self, "start_box", check_box("start_box", self.start_box))
         for item in ("field", "flow"):
             _check_options(item, getattr(self, item))
-        units = {getattr(part, "length_unit", None) for part in (self.field, self.flow)} - {None}
+        units: set[Any] = {getattr(part, "length_unit", None) for part in (self.field, self.flow)} - {None}
         if len(units) > 1:
             raise ValueError(f"field and flow must have positions in the same unit, got {sorted(units)}")
         if self.sense_flow and not (self.flow.speed_scale > 0 and self.flow.spin_scale > 0):
@@ -451,7 +451,7 @@ class World:
                 "position", "lie inside the domain of the field and the flow", position, inside(position)
             )
 
-    def step(self, state: State, action: Array, noise: Array | None = None) -> tuple[State, Outcome]:
+    def step(self, state: State, action: Array, noise: Array = None) -> tuple[State, Outcome]:
         """One decision of every cell, whatever its length; a finished cell stays where it is.
 
         `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed
@@ -498,7 +498,7 @@ class World:
         gain = concentration - start_concentration
         return state, Outcome(perception.observe(memory), reward, terminated, truncated, gain)
 
-    def _interval(self, state: State, action: Array, noise: Array | None) -> tuple[Array, ...]:
+    def _interval(self, state: State, action: Array, noise: Array) -> tuple[Array, ...]:
         """Clock after it, motion, duration, speed and κ* of each cell's next interval."""
         if not self.has_common_tick:
             return self._counted_interval(state, action, noise)
@@ -521,7 +521,7 @@ class World:
             motion = Motion(parts[:2, ...], parts[2:, ...])
         return clock, motion, duration, speed, normal_curvature
 
-    def _counted_interval(self, state: State, action: Array, noise: Array | None) -> tuple[Array, ...]:
+    def _counted_interval(self, state: State, action: Array, noise: Array) -> tuple[Array, ...]:
         """`_interval` where no common tick exists: decisions are counted by action, so rounding never piles
         up."""
         xp = namespace(state.position)
@@ -592,7 +592,7 @@ class World:
         state: State,
         pose: Pose,
         action: Array,
-        noise: Array | None,
+        noise: Array,
         duration: Array,
         path: Array | None,
     ) -> Array:
@@ -603,7 +603,7 @@ class World:
         if path is None:
             curvature = self._curvature(action, pose.position)
             if self.curvature_noise > 0:
-                curvature = curvature + self.curvature_noise * noise[..., 1]  # type: ignore[index]
+                curvature = curvature + self.curvature_noise * noise[..., 1]
             speed = _look_up(as_array(np.asarray(self.action_speeds), pose.position), action)
             nearest = swimmer.closest_approach(state.pose, curvature, speed * duration, centre)
             reached = nearest <= radius
