@@ -8,8 +8,16 @@ from typing import Any
 import gymnasium as _gymnasium
 import pettingzoo as _pettingzoo
 
-from swarm.fields import LinearField, RadialField
-from swarm.flows import StillWater, TaylorGreen
+from swarm.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
+from swarm.flows import (
+    FunctionFlow,
+    PoiseuilleFlow,
+    ShearFlow,
+    StillWater,
+    TaylorGreen,
+    UniformFlow,
+    Vortex,
+)
 from swarm.sperm_swarm_v0 import parallel_env
 from swarm.strategies import Greedy, Random, Swinging
 from swarm.world import World
@@ -18,6 +26,8 @@ __version__ = "0.1.0"
 
 # Loaded when they are first asked for: they need SciPy, xarray or time.
 _LAZY = {
+    "GriddedField": "gridded",
+    "GriddedFlow": "gridded",
     "Network": "network",
     "Optimal": "optimal",
     "SpermSwarmVector": "gymnasium_env",
@@ -28,16 +38,26 @@ _LAZY = {
 }
 
 __all__ = [
+    "DiffusingSource",
+    "FunctionField",
+    "FunctionFlow",
+    "GaussianPlume",
     "Greedy",
+    "GriddedField",
+    "GriddedFlow",
     "LinearField",
     "Network",
     "Optimal",
+    "PoiseuilleFlow",
     "RadialField",
     "Random",
+    "ShearFlow",
     "SpermSwarmVector",
     "StillWater",
     "Swinging",
     "TaylorGreen",
+    "UniformFlow",
+    "Vortex",
     "World",
     "__version__",
     "limit",
