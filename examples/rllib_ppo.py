@@ -28,7 +28,7 @@ def main(iterations: int = 10, cells: int = 10, life: float = 80.0, decisions: i
         .environment("sperm_swarm", env_config={"n_swimmers": cells, "life": life})
         .env_runners(num_env_runners=0)
         .multi_agent(policies={"cell"}, policy_mapping_fn=lambda agent, episode, **rest: "cell")
-        .training(gamma=0.98, lr=3e-4, minibatch_size=256, num_epochs=5)
+        .training(gamma=0.98, lr=3e-4, minibatch_size=min(256, decisions), num_epochs=5)
         .training(train_batch_size_per_learner=decisions)
         .debugging(seed=0)
     )

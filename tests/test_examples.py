@@ -40,7 +40,7 @@ def load(name):
 
 def load_as_it_is(name):
     spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)  # BenchMARL looks it up there
     spec.loader.exec_module(module)
     return module
 
