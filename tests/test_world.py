@@ -447,19 +447,22 @@ def test_a_cell_that_leaves_the_domain_is_truncated(xp):
     ],
     ids=describe,
 )
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_a_cells_life_is_the_same_in_a_population_of_1_40_and_10_000(world, dtype):
+@pytest.mark.parametrize("library", ["numpy", "array_api_compat.torch"])
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_a_cells_life_is_the_same_in_a_population_of_1_40_and_10_000(world, dtype, library):
+    xp = pytest.importorskip(library)
     decisions = 6
+    dtype = getattr(xp, dtype)
     starts = draw_starts(world, 10_000, 3)
-    noise = draw_noise(3, 10_000, decisions).astype(dtype)
+    noise = draw_noise(3, 10_000, decisions)
     action = actions(world, decisions, 10_000)
 
     def end(rows):
-        state = world.start(
-            starts.position[rows].astype(dtype), starts.heading[rows].astype(dtype), starts.past[rows]
-        )
+        position, heading = (array(xp, part[rows], dtype) for part in starts[:2])
+        state = world.start(position, heading, array(xp, starts.past[rows], xp.int64))
         for turn in range(decisions):
-            state, outcome = world.step(state, action[turn, rows], noise[rows, turn])
+            kicks = array(xp, noise[rows, turn], dtype)
+            state, outcome = world.step(state, array(xp, action[turn, rows], xp.int64), kicks)
         return state, outcome
 
     whole = end(slice(None))
