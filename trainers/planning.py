@@ -73,18 +73,17 @@ def learnt(settings: Settings, *, shared: bool = False) -> dict[str, Any]:
 
 
 def expected_seconds(settings: Settings) -> float:
-    """Roughly what a training takes on one core of 2020 or so."""
+    """Roughly what a training takes on one core: the costs of decisions and updates were measured once."""
     learning, world, seeds = settings.learning, settings.training_world(), settings.n_seeds
-    pace = 5.0 if world.in_flow else 1.0
 
     def decision(cells: int) -> float:
-        return pace * (1e-4 + 1e-6 * cells * seeds)
+        return 2.5e-4 + (3e-6 if world.in_flow else 1.5e-6) * cells * seeds
 
     checked = settings.validation
     validations = learning.epochs / checked.every
     rounds = world.max_decisions / (learning.collect or world.max_decisions)
     nodes = sum(learning.hidden)
-    update = 3e-4 + 3e-8 * learning.batch_size * seeds * nodes
+    update = 3e-4 + 2.5e-8 * learning.batch_size * seeds * nodes
     epoch = world.max_decisions * decision(learning.n_swimmers * learning.n_worlds)
     epoch += rounds * learning.updates * update
     return learning.epochs * epoch + validations * world.replace(life=checked.life).max_decisions * decision(

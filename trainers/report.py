@@ -35,9 +35,12 @@ def _opening(plan: Plan, tests: Sequence[Case]) -> str:
     if not plan.quick and plan.n_seeds != Plan().n_seeds:
         command += f" --seeds {plan.n_seeds}"
     versions = ", ".join(f"{name} {version}" for name, version in provenance.versions().items())
+    there = {stack.recipe for case in tests for stack in case.stacks}
+    missing = [f"`{recipe}`" for recipe in plan.recipes if recipe not in there]
     how = (
         "The policies tested here are the shipped ones, one for each experiment. Nothing was trained, so the "
-        "spread over training seeds is not in the intervals, and claims about training itself are left out."
+        "spread over training seeds is not in the intervals, and claims about training itself are left out"
+        + (f"; no policies are shipped for the recipe {', '.join(missing)}." if missing else ".")
         if plan.quick
         else f"Every experiment was trained with {plan.n_seeds} independent seeds under each recipe."
     )
