@@ -46,7 +46,7 @@ MINIATURE = Plan(
 
 @pytest.fixture(scope="module")
 def sparing():
-    """What takes most of the time is spared: pixels of the figures, and the limit in a flow, which is made up."""
+    """Spared is what takes most of the time: pixels of figures, and the limit in a flow, which is made up."""
     exact = optimal.limit
 
     def save(figure, path):
