@@ -12,7 +12,7 @@ unexport PYTHONHOME PYTHONPATH VIRTUAL_ENV
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test slow coverage bench soak mutate reproduce docs clean FORCE
+.PHONY: help install train test slow coverage bench soak mutate reproduce examples docs clean FORCE
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -47,6 +47,10 @@ mutate: install ## change the physics line by line and see whether a test notice
 
 reproduce: install ## every figure and table of the paper, in runs/reproduce
 	$(RUN)/swarm reproduce --out runs/reproduce $(ARGS)
+
+examples: install ## install the libraries that the examples are about, and test the examples
+	@$(RUN)/python -c 'import jax, stable_baselines3, supersuit' 2>/dev/null || $(RUN)/python -m pip install -qq -c constraints.txt -e '.[examples]'
+	$(RUN)/pytest tests/test_examples.py $(ARGS)
 
 docs: install ## build the documentation in site/
 	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --strict $(ARGS)

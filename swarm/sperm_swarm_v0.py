@@ -8,7 +8,7 @@
 | terminated | the cell's path came within reach of the egg |
 | truncated | its life is over, it left its field's or flow's domain, or `max_cycles` is reached |
 | info | `gain`: c(t) − c(0) [concentration] |
-| state | (N, 4): x, y [length], heading in [−π, π] [rad], curvature of the last interval [1 / length] |
+| state | (N, 4): x, y [length], heading [rad] in [−π, π], curvature of the last interval [1 / length] |
 """
 
 from __future__ import annotations
