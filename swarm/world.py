@@ -255,7 +255,7 @@ class World:
     @property
     def max_decisions(self) -> int:
         """The most decisions a life can take."""
-        return math.ceil(self.life / min(self.intervals) - 1e-9)
+        return max(1, math.ceil(self.life / min(self.intervals) - 1e-9))
 
     @cached_property
     def has_noise(self) -> bool:

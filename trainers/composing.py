@@ -15,6 +15,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from swarm.checks import check_name
 from trainers.settings import Settings
 
 
@@ -53,8 +54,7 @@ def settings_from(words: Sequence[str] = ()) -> Settings:
     for word in words:
         if re.match(r"\W*hydra[./]", word):
             raise SettingsError(f"of Hydra's own keys only hydra.run.dir=DIR may be given, got {word!r}")
-        if not re.match(r"[A-Za-z_][\w.@/]*=", word):
-            raise SettingsError(f"a setting must be written key=value, got {word!r}")
+        _check_word(word)
     register()
     GlobalHydra.instance().clear()
     try:
@@ -62,6 +62,24 @@ def settings_from(words: Sequence[str] = ()) -> Settings:
             return as_settings(compose("config", list(words)))
     except (HydraException, OmegaConfBaseException) as error:
         raise SettingsError(_readable(error)) from None
+    except SettingsError:
+        raise
+    except (TypeError, ValueError, AttributeError) as error:  # Hydra's own, over values it does not expect
+        raise SettingsError(f"settings cannot be read from {' '.join(words)}: {error}") from None
+
+
+def _check_word(word: str) -> None:
+    """Raises SettingsError where Hydra would stumble or take a number for a flag."""
+    if not (match := re.fullmatch(r"([A-Za-z_][\w.@/]*)=(.*)", word, re.DOTALL)):
+        raise SettingsError(f"a setting must be written key=value, got {word!r}")
+    key, value = match.groups()
+    if key in ("experiment", "recipe"):
+        try:
+            check_name(key, value.strip("'\""), experiments() if key == "experiment" else recipes())
+        except ValueError as error:
+            raise SettingsError(str(error)) from None
+    if key in _flags() and value.lower() not in ("true", "false") and not value.startswith("${"):
+        raise SettingsError(f"{key} must be true or false, got {value!r}")
 
 
 def settings_from_stored(stored: dict[str, Any]) -> Settings:
@@ -80,8 +98,8 @@ def as_settings(config: Any) -> Settings:
         settings = OmegaConf.to_object(config)
     except OmegaConfBaseException as error:
         raise SettingsError(_readable(error)) from None
-    except (TypeError, ValueError) as error:
-        raise SettingsError(str(error)) from None
+    except (TypeError, ValueError, AttributeError) as error:
+        raise SettingsError(_readable(error)) from None
     assert isinstance(settings, Settings)
     return settings
 
@@ -90,6 +108,9 @@ def _readable(error: Exception) -> str:
     """Hydra's message in one line, with the nearest name for what it does not know."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     message = lines[0] if lines else type(error).__name__
+    message = message.removeprefix("Could not create instance of `Settings`: ")
+    if unreadable := re.match(r"LexerNoViableAltException: (\S+?)=", message):
+        return f"{unreadable.group(1)}: the value cannot be read; other signs than letters need quotes"
     if unknown := re.search(r"Could not override '([\w.@/]+)'", message):
         key = unknown.group(1)
         return f"settings have no key {key!r}{_nearest(key, _keys())}"
@@ -101,6 +122,12 @@ def _readable(error: Exception) -> str:
         return f"{merging.group(1)}: {str(error.__cause__).splitlines()[0]}"
     key = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("full_key:")), None)
     return f"{key}: {message}" if key else message
+
+
+def _flags() -> list[str]:
+    """Keys whose value is true or false."""
+    settings = OmegaConf.structured(Settings)
+    return [key for key in _keys() if isinstance(OmegaConf.select(settings, key), bool)]
 
 
 def _nearest(name: str, known: Sequence[str]) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -166,7 +168,8 @@ def check_settings(settings: Settings) -> None:
     check_name("world.field", settings.world.field, FIELDS)
     check_name("world.flow", settings.world.flow, FLOWS)
     _check_box(settings.world.start_box)
-    world = make_world(settings.world)
+    with _naming("world"):
+        world = make_world(settings.world)
     _check_learning(settings.learning)
     _check_network(settings.learning, world)
     for name, section in (("validation", settings.validation), ("evaluation", settings.evaluation)):
@@ -175,8 +178,10 @@ def check_settings(settings: Settings) -> None:
     check_count("validation.every", settings.validation.every)
     if settings.evaluation.field is not None:
         check_name("evaluation.field", settings.evaluation.field, FIELDS)
-    world.replace(life=settings.validation.life)
-    settings.test_world()
+    with _naming("validation"):
+        world.replace(life=settings.validation.life)
+    with _naming("evaluation"):
+        settings.test_world()
     check_count("checkpoint_every", settings.checkpoint_every)
     check_count("threads", settings.threads)
     if settings.threads > MAX_THREADS:
@@ -184,6 +189,15 @@ def check_settings(settings: Settings) -> None:
     if not re.fullmatch(r"cpu|mps|(cuda|xpu)(:\d+)?", settings.device):
         raise ValueError(f"device must be cpu, mps, cuda or cuda:N, got {settings.device!r}")
     check_name("compile", settings.compile, ("never", "always", "auto"))
+
+
+@contextmanager
+def _naming(section: str) -> Iterator[None]:
+    """Within, an error says in which section the key is."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{section}: {error}") from None
 
 
 def _check_box(box: list[list[float]] | None) -> None:
