@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from swarm.world import World
 from trainers.composing import settings_from
 from trainers.settings import Settings
 from trainers.statements import EGG, RECORDS, STEADY, VARYING, VORTICES
@@ -32,6 +33,7 @@ class Plan:
     swinging_cells: int = 40  # whose circles are fitted
     figure_cells: int = 40  # in figures: the first of the test's
     radial_figure_cells: int = 9
+    radial_reach: float = 30.0  # they start in a square around the egg, so far to each side [length]
     seed: int = 100  # of the test population and the bootstrap
     words: tuple[str, ...] = ()  # settings of every training that differ from its recipe's
     experiments: tuple[str, ...] = EXPERIMENTS
@@ -41,6 +43,16 @@ class Plan:
         """Settings of a training."""
         words = [f"recipe={recipe}", f"experiment={experiment}", f"n_seeds={self.n_seeds}"]
         return settings_from([*words, "tensorboard=false", *self.words])
+
+    def test_world(self, test: str) -> World:
+        """The world of a test; it is the same under every recipe."""
+        experiment = next(iter(TESTS[test].values()))
+        world = self.settings(self.recipes[0], experiment).test_world()
+        if world.egg is None:
+            return world
+        (x, y), _ = world.egg
+        reach = self.radial_reach
+        return world.replace(start_box=((x - reach, x + reach), (y - reach, y + reach)))
 
 
 class Training(NamedTuple):

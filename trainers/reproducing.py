@@ -176,11 +176,9 @@ def cases(plan: Plan, stacks: dict[tuple[str, str], Stack]) -> list[Case]:
             for kind, wanted in kinds.items()
             if experiment == wanted
         )
-        main = next(iter(kinds.values()))
-        if tested and main in plan.experiments:
-            world = plan.settings(plan.recipes[0], main).test_world()
+        if tested and next(iter(kinds.values())) in plan.experiments:
             cells = plan.radial_cells if name == EGG else plan.cells
-            found.append(Case(name, world, tested, cells, plan.seed))
+            found.append(Case(name, plan.test_world(name), tested, cells, plan.seed))
     return found
 
 
