@@ -20,6 +20,10 @@ FLOORS = [
     {"gridded"},
     {"world"},
     {"starts"},
+    {"optimal_problem"},
+    {"optimal_still", "optimal_vortices"},
+    {"optimal_tables"},
+    {"optimal_files"},
     {"strategies", "optimal", "network", "policy_files"},
     {"population", "statistics", "results", "provenance"},
 ]
