@@ -39,7 +39,9 @@ def child(folder):
     code = 1
     try:
         os.setsid()
-        sys.stdout = sys.stderr = open(folder.with_suffix(".log"), "a")  # noqa: SIM115
+        log = os.open(folder.with_suffix(".log"), os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        for stream in (1, 2):
+            os.dup2(log, stream)
         if runs.is_run_folder(folder):
             launching.resume(folder)
         else:

@@ -15,7 +15,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from swarm.checks import check_name
+from swarm.checks import check_box, check_name
 from trainers.settings import Settings
 
 
@@ -84,12 +84,37 @@ def _check_word(word: str) -> None:
 
 def settings_from_stored(stored: dict[str, Any]) -> Settings:
     """Checked settings from what a run has stored, which is data only; raises SettingsError."""
-    if "${" in repr(stored):
-        raise SettingsError("stored settings must be plain values, got an interpolation ${…}")
+    schema = OmegaConf.structured(Settings)
+    _check_stored(stored, OmegaConf.to_container(schema), "")
     try:
-        return as_settings(OmegaConf.merge(OmegaConf.structured(Settings), stored))
+        return as_settings(OmegaConf.merge(schema, stored))
     except OmegaConfBaseException as error:
         raise SettingsError(f"stored settings: {_readable(error)}") from None
+
+
+def _check_stored(value: Any, default: Any, key: str) -> None:
+    """Raises SettingsError where OmegaConf would see more than plain values, or would not name the key."""
+    if isinstance(default, dict):
+        if not isinstance(value, dict):
+            raise SettingsError(
+                f"stored settings: {key or 'all of them'} must be keys and values, got {value!r}"
+            )
+        for name, inner in value.items():
+            if name not in default:
+                near = _nearest(str(name), list(default))
+                raise SettingsError(f"stored settings: {key or 'settings'} must not hold {name!r}{near}")
+            _check_stored(inner, default[name], f"{key}.{name}".lstrip("."))
+    elif isinstance(default, list) and not isinstance(value, list):
+        raise SettingsError(f"stored settings: {key} must be a list, got {value!r}")
+    elif isinstance(default, bool) and not isinstance(value, bool):
+        raise SettingsError(f"stored settings: {key} must be true or false, got {value!r}")
+    elif key == "world.start_box" and value is not None:
+        try:
+            check_box(f"stored settings: {key}", value)
+        except ValueError as error:
+            raise SettingsError(str(error)) from None
+    elif "${" in repr(value):
+        raise SettingsError(f"stored settings: {key} must be a plain value, got {value!r}")
 
 
 def as_settings(config: Any) -> Settings:
