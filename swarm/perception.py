@@ -1,8 +1,8 @@
 """Perception: the memory of records, its normalisation, and the reward that is computed from it.
 
-A record holds what a cell knows of one moment, already in the paper's dimensionless units but for the mean of the
-concentrations, which changes with every decision: c κ̄/c_k, κ* and, where the flow is sensed, u_x*, u_y*, ω₀*.
-Memory is (..., cells, N_T, features), newest record first.
+A record holds what a cell knows of one moment, already in the paper's dimensionless units but for the mean of
+the concentrations, which changes with every decision: c κ̄/c_k, κ* and, where the flow is sensed, u_x*, u_y*,
+ω₀*. Memory is (..., cells, N_T, features), newest record first.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ Array = Any
 
 
 def record(concentration: Array, curvature: Array, flow: tuple[Array, ...], scale: float) -> Array:
-    """One record (..., features) from c and the normalised κ*, u_x*, u_y*, ω₀*, all (...); `flow` may be empty.
+    """One record (..., features) from c and the normalised κ*, u_x*, u_y*, ω₀*, all (...); `flow` may be
+    empty.
 
     `scale` is κ̄/c_k.
     """
@@ -30,7 +31,8 @@ def remember(memory: Array, newest: Array) -> Array:
 def observe(memory: Array) -> Array:
     """Observation (..., N_T · features) in float32: the memory with concentrations measured from their mean.
 
-    c*, κ* (u_x*, u_y*, ω₀*) of the newest record, then of the next older, … (paper: normalisation of the input vector).
+    c*, κ* (u_x*, u_y*, ω₀*) of the newest record, then of the next older, … (paper: normalisation of the
+    input vector).
     """
     xp = namespace(memory)
     concentrations = memory[..., 0]

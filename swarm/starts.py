@@ -29,8 +29,8 @@ def draw_starts(
 ) -> Starts:
     """Starts uniform in the world's box and in heading, with a random past, in float64.
 
-    Poses are the same for every N_T. Starts within reach of the egg are drawn again. Raises ValueError where the box leaves
-    no room outside the egg.
+    Poses are the same for every N_T. Starts within reach of the egg are drawn again. Raises ValueError where
+    the box leaves no room outside the egg.
     """
     check_count("cells", cells)
     streams.check_seed(seed)
@@ -42,8 +42,12 @@ def draw_starts(
         again = _draw_poses(world, cells, streams.generator(population, "start", seed, episode, attempt))
         poses = np.where(taken[:, None], again, poses)
     else:
-        raise ValueError(f"start_box must leave room outside the egg (position, radius) = {world.egg}, got {world.box}")
-    past = streams.generator(population, "past", seed, episode).integers(world.n_actions, size=(cells, world.n_records))
+        raise ValueError(
+            f"start_box must leave room outside the egg (position, radius) = {world.egg}, got {world.box}"
+        )
+    past = streams.generator(population, "past", seed, episode).integers(
+        world.n_actions, size=(cells, world.n_records)
+    )
     return Starts(poses[:, :2].copy(), poses[:, 2].copy(), past)
 
 
@@ -56,7 +60,8 @@ def draw_noise(
     episode: int = 0,
     block: int = 0,
 ) -> np.ndarray:
-    """Standard normal numbers (cells, decisions, 3) for the world's perturbations, one block of decisions at a time."""
+    """Standard normal numbers (cells, decisions, 3) for the world's perturbations, one block of decisions at
+    a time."""
     return streams.generator(population, "noise", seed, episode, block).standard_normal((cells, decisions, 3))
 
 
