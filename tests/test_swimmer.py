@@ -102,7 +102,7 @@ FLOWS = [
 ]
 
 
-@pytest.mark.parametrize("flow", FLOWS, ids=repr)
+@pytest.mark.parametrize("flow", FLOWS, ids=lambda flow: type(flow).__name__)
 def test_in_a_flow_the_pose_is_within_tolerance_of_the_reference(xp, cells, flow):
     position, angle, curvature = cells
     heading = pose(np, position, angle).heading
