@@ -11,12 +11,14 @@ from typing import Any
 from hydra import compose, initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
-from hydra.errors import HydraException
+from hydra.errors import HydraException, OverrideParseException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from swarm.checks import check_box, check_name
 from trainers.settings import Settings
+
+GROUPS = ("experiment", "recipe", "tuning")  # folders of files to choose from
 
 
 class SettingsError(ValueError):
@@ -34,14 +36,19 @@ def config_folder() -> Path:
     )
 
 
+def names_of(group: str) -> list[str]:
+    """Names of the files of a group."""
+    return sorted(path.stem for path in (config_folder() / group).glob("*.yaml"))
+
+
 def experiments() -> list[str]:
     """Names of the experiments."""
-    return sorted(path.stem for path in (config_folder() / "experiment").glob("*.yaml"))
+    return names_of("experiment")
 
 
 def recipes() -> list[str]:
     """Names of the recipes."""
-    return sorted(path.stem for path in (config_folder() / "recipe").glob("*.yaml"))
+    return names_of("recipe")
 
 
 def register() -> None:
@@ -70,12 +77,12 @@ def settings_from(words: Sequence[str] = ()) -> Settings:
 
 def _check_word(word: str) -> None:
     """Raises SettingsError where Hydra would stumble or take a number for a flag."""
-    if not (match := re.fullmatch(r"([A-Za-z_][\w.@/]*)=(.*)", word, re.DOTALL)):
+    if not (match := re.fullmatch(r"([A-Za-z_][\w.]*)=(.*)", word, re.DOTALL)):
         raise SettingsError(f"a setting must be written key=value, got {word!r}")
     key, value = match.groups()
-    if key in ("experiment", "recipe"):
+    if key in GROUPS:
         try:
-            check_name(key, value.strip("'\""), experiments() if key == "experiment" else recipes())
+            check_name(key, value.strip("'\""), names_of(key))
         except ValueError as error:
             raise SettingsError(str(error)) from None
     if key in _flags() and value.lower() not in ("true", "false") and not value.startswith("${"):
@@ -134,15 +141,11 @@ def _readable(error: Exception) -> str:
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     message = lines[0] if lines else type(error).__name__
     message = message.removeprefix("Could not create instance of `Settings`: ")
-    if unreadable := re.match(r"LexerNoViableAltException: (\S+?)=", message):
-        return f"{unreadable.group(1)}: the value cannot be read; other signs than letters need quotes"
+    if isinstance(error, OverrideParseException):
+        return f"the value cannot be read, other signs than letters need quotes, got {error.override!r}"
     if unknown := re.search(r"Could not override '([\w.@/]+)'", message):
         key = unknown.group(1)
         return f"settings have no key {key!r}{_nearest(key, _keys())}"
-    if missing := re.search(r"Could not find '(experiment|recipe)/([^']*)'", message):
-        kind, name = missing.groups()
-        known = experiments() if kind == "experiment" else recipes()
-        return f"{kind} must be one of {', '.join(known)}, got {name!r}{_nearest(name, known)}"
     if (merging := re.match(r"Error merging override (\S+?)=", message)) and error.__cause__ is not None:
         return f"{merging.group(1)}: {str(error.__cause__).splitlines()[0]}"
     key = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("full_key:")), None)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from swarm.checks import check_count, check_name, check_number
+from swarm.checks import check_box, check_count, check_name, check_number
 from swarm.policy_files import MAX_FILE, MAX_HEADER, MAX_LAYERS, MAX_WIDTH
 from swarm.world import FIELDS, FLOWS, World
 
@@ -29,7 +29,7 @@ class WorldSettings:
     sense_flow: bool = False
     varying_speed: bool = False
     life: float = 80.0  # t_life in training
-    start_box: list[list[float]] | None = None
+    start_box: list[Any] | None = None  # [[x, x], [y, y]]
     curvatures: list[float] = dataclasses.field(default_factory=lambda: [3.0, 5.0])
     speed: float = 1.0
     speeds: list[float] = dataclasses.field(default_factory=lambda: [1.1, 0.9])
@@ -38,6 +38,10 @@ class WorldSettings:
     concentration_noise: float = 0.0
     curvature_noise: float = 0.0
     rotational_diffusion: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.start_box is not None:  # whole numbers too: OmegaConf converts nested lists only halfway
+            self.start_box = [list(side) for side in check_box("world.start_box", self.start_box)]
 
 
 @dataclass
@@ -200,7 +204,7 @@ def _naming(section: str) -> Iterator[None]:
         raise type(error)(f"{section}: {error}") from None
 
 
-def _check_box(box: list[list[float]] | None) -> None:
+def _check_box(box: list[Any] | None) -> None:
     if box is not None and any(abs(number) > MAX_PLACE for side in box for number in side):
         raise ValueError(
             f"world.start_box must lie within ±{MAX_PLACE:g}, beyond which float32 is too coarse, got {box}"
