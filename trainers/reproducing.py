@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from swarm import network
+from swarm import network, optimal
 from swarm.network import Network, load_policy
 from swarm.policy_files import PolicyError
+from swarm.starts import draw_starts
 from trainers import runs
 from trainers.claims import Claim
 from trainers.composing import SettingsError, settings_from_stored
@@ -30,6 +31,16 @@ from trainers.statements import EGG, RECORDS, Evidence, TrainingGains
 
 class ReproductionError(RuntimeError):
     """A reproduction that cannot go on as asked; the message says why and what can be done."""
+
+
+def find_limits(plan: Plan, planned: Iterable[Training]) -> None:
+    """Have the limits in flows at hand, which take a while, before several processes ask for them at once."""
+    wanted = [plan.test_world(name) for name in TESTS]
+    for each in planned:
+        wanted.append(each.settings.training_world().replace(life=each.settings.validation.life))
+    for world in wanted:
+        if world.in_flow:
+            optimal.limit(world, draw_starts(world, 1, plan.seed))
 
 
 # --- training -----------------------------------------------------------------------------------------------
@@ -220,6 +231,7 @@ def reproduce(plan: Plan, out: Path, publish: Path | None = None) -> list[Claim]
     for folder in folders:
         check_folder(folder)
     planned = [] if plan.quick else trainings(plan, out)
+    find_limits(plan, planned)
     if planned:
         train_all(plan, planned)
     stacks = shipped_stacks(plan) if plan.quick else trained_stacks(planned)
