@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,8 +42,8 @@ class Plan:
 
     def settings(self, recipe: str, experiment: str) -> Settings:
         """Settings of a training."""
-        words = [f"recipe={recipe}", f"experiment={experiment}", f"n_seeds={self.n_seeds}"]
-        return settings_from([*words, "tensorboard=false", *self.words])
+        words = (f"recipe={recipe}", f"experiment={experiment}", f"n_seeds={self.n_seeds}")
+        return _composed(*words, "tensorboard=false", *self.words)
 
     def test_world(self, test: str) -> World:
         """The world of a test; it is the same under every recipe."""
@@ -53,6 +54,9 @@ class Plan:
         (x, y), _ = world.egg
         reach = self.radial_reach
         return world.replace(start_box=((x - reach, x + reach), (y - reach, y + reach)))
+
+
+_composed = functools.lru_cache(maxsize=64)(lambda *words: settings_from(words))  # Hydra takes its time
 
 
 class Training(NamedTuple):

@@ -26,7 +26,7 @@ from trainers.measuring import Case, Circle, Measured, Stack, measure, swinging_
 from trainers.planning import TESTS, Plan, Training, expected_seconds, learnt, trainings
 from trainers.runs import RunFolder
 from trainers.settings import Settings
-from trainers.statements import EGG, RECORDS, Evidence, TrainingGains
+from trainers.statements import EGG, RECORDS, VORTICES, Evidence, TrainingGains
 
 
 class ReproductionError(RuntimeError):
@@ -35,7 +35,7 @@ class ReproductionError(RuntimeError):
 
 def find_limits(plan: Plan, planned: Iterable[Training]) -> None:
     """Have the limits in flows at hand, which take a while, before several processes ask for them at once."""
-    wanted = [plan.test_world(name) for name in TESTS]
+    wanted = [plan.test_world(VORTICES)]
     for each in planned:
         wanted.append(each.settings.training_world().replace(life=each.settings.validation.life))
     for world in wanted:
