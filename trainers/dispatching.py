@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any, NamedTuple
 
@@ -100,7 +100,8 @@ def _work(sender: Connection, do: Callable[..., Any], arguments: tuple[Any, ...]
     result = _attempt(do, arguments)
     if isinstance(result, Exception):
         result = RuntimeError(f"{type(result).__name__}: {result}")  # any exception can be sent
-    sender.send(result)
+    with suppress(BrokenPipeError):  # nobody waits for it any more
+        sender.send(result)
 
 
 def _follow_parent() -> None:
