@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,12 +22,14 @@ from trainers.claims import Claim
 from trainers.composing import SettingsError, settings_from_stored
 from trainers.curves import Curves, metrics, shipped_curves, trained_curves
 from trainers.dispatching import Task, work_off
-from trainers.illustrating import Drawing
 from trainers.measuring import Case, Circle, Measured, Stack, measure, swinging_circle
 from trainers.planning import TESTS, Plan, Training, expected_seconds, learnt, trainings
 from trainers.runs import RunFolder
 from trainers.settings import Settings
 from trainers.statements import EGG, RECORDS, VORTICES, Evidence, TrainingGains
+
+if TYPE_CHECKING:
+    from trainers.illustrating import Drawing
 
 
 class ReproductionError(RuntimeError):
