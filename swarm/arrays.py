@@ -24,6 +24,20 @@ def namespace(array: Array) -> Any:
     return array_namespace(array)
 
 
+def is_torch(array: Array) -> bool:
+    """Whether `array` is torch's."""
+    return type(array).__module__ == "torch"
+
+
+def compiling(array: Array) -> bool:
+    """Whether torch is compiling what is done to `array`."""
+    if isinstance(array, np.ndarray) or not is_torch(array):
+        return False
+    import torch
+
+    return torch.compiler.is_compiling()
+
+
 def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:
     """`values` in the array library, on the device and (floats) with the dtype of `like`."""
     xp = namespace(like)
@@ -35,5 +49,30 @@ def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:
 
 
 def join(*parts: Array) -> Array:
-    """Arrays (...) side by side along a new last axis (..., parts)."""
-    return namespace(parts[0]).concat([part[..., None] for part in parts], axis=-1)
+    """Arrays (...) side by side along a new last axis (..., parts).
+
+    Of torch tensors each part stays in one piece of memory: compiled loops crawl over interleaved ones.
+    """
+    xp = namespace(parts[0])
+    if is_torch(parts[0]):
+        return xp.moveaxis(xp.stack(parts), 0, -1)
+    return xp.concat([part[..., None] for part in parts], axis=-1)
+
+
+def at_least(numbers: Array, bound: int) -> Array:
+    """Whether int32 numbers reach a bound.
+
+    Compiled by torch, it is the sign of a difference: the result of a comparison is written byte by byte
+    there, which takes as long as half a decision.
+    """
+    if not isinstance(numbers, np.ndarray) and compiling(numbers):
+        xp = namespace(numbers)
+        return xp.astype(((bound - 1 - numbers) >> 31) & 1, xp.uint8).view(xp.bool)
+    return numbers >= bound
+
+
+def nowhere(flags: Array) -> Array:
+    """False in the place of every flag."""
+    if not isinstance(flags, np.ndarray) and is_torch(flags):
+        return flags.new_zeros(()).expand(flags.shape)
+    return flags & ~flags

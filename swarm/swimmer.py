@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ import numpy as np
 
 from swarm.arrays import as_array, join, namespace
 from swarm.flows import Flow, StillWater
+from swarm.pieces import Functions, Pieces, in_pieces
 
 Array = Any
 
@@ -72,7 +74,7 @@ def left_of(vector: Array) -> Array:
     return join(-y, x)
 
 
-def turned(heading: tuple[Array, Array], cosine: Array, sine: Array) -> tuple[Array, Array]:
+def turned(heading: Sequence[Array], cosine: Array, sine: Array) -> tuple[Array, Array]:
     """Components of unit vectors turned counter-clockwise by an angle."""
     x, y = heading
     return x * cosine - y * sine, y * cosine + x * sine
@@ -89,8 +91,14 @@ def unit(x: Array, y: Array) -> Array:
 
 def along_arc(pose: Pose, motion: Motion) -> Pose:
     """The pose after a motion (..., cells) in still water."""
-    x, y = turned(components(pose.heading), *motion)
-    return Pose(pose.position + join(x[0, ...], y[0, ...]), unit(x[1, ...], y[1, ...]))
+    heading = components(pose.heading)
+    if isinstance(motion.ahead, Pieces):
+        x, y = turned(tuple(map(Pieces, heading)), *motion)
+        position_x, position_y = components(pose.position)
+        position = join(position_x + x[0, ...].content, position_y + y[0, ...].content)
+        return Pose(position, unit(x[1, ...].content, y[1, ...].content))
+    x, y = turned(heading, *motion)
+    return Pose(join(x[0, ...], y[0, ...]) + pose.position, unit(x[1, ...], y[1, ...]))
 
 
 @dataclass(frozen=True)
@@ -161,26 +169,31 @@ class Collocation:
 
     def swim(
         self, pose: Pose, motions: Motion, speed: Array, duration: Array, weights: Array, flow: Flow
-    ) -> tuple[Pose, Array]:
-        """The pose after the interval and the path (substeps · outputs, ..., 2) on the way.
+    ) -> tuple[Pose, Array | None]:
+        """The pose after the interval and the path (substeps · outputs, ..., 2), if it has outputs.
 
         `motions` comes from `self.motions`, `weights` is `self.weights` as an array of the pose's library.
         """
         xp = namespace(pose.position)
         step = duration / self.substeps
-        table = xp.reshape(weights, (*weights.shape, *(1,) * step.ndim)) * step  # (targets, nodes, ...)
+        if isinstance(motions.ahead, Pieces):
+            speed, table = Pieces(speed), in_pieces(weights, 2) * Pieces(step)
+        else:
+            table = xp.reshape(weights, (*weights.shape, *(1,) * step.ndim)) * step  # (targets, nodes, ...)
         path = []
         for _ in range(self.substeps):
             pose, places = self._substep(pose, motions, speed, table, flow)
             path.append(places)
-        return pose, path[0] if self.substeps == 1 else xp.concat(path, axis=0)
+        return pose, xp.concat(path, axis=0) if self.outputs else None
 
     def _substep(
         self, pose: Pose, motions: Motion, speed: Array, table: Array, flow: Flow
-    ) -> tuple[Pose, Array]:
-        position_x, position_y = components(pose.position)
-        heading = components(pose.heading)
-        xp = namespace(position_x)
+    ) -> tuple[Pose, Array | None]:
+        xp = namespace(pose.position)
+        start: Sequence[Array] = (*components(pose.position), *components(pose.heading))
+        if cut := isinstance(motions.ahead, Pieces):
+            xp, start = Functions(xp), tuple(map(Pieces, start))
+        position_x, position_y, *heading = start
         n = self.nodes
         moved_x, moved_y = turned(heading, *motions)  # (2, targets, ...)
         arc_x, arc_y = position_x + moved_x[0, ...], position_y + moved_y[0, ...]  # (targets, ...)
@@ -201,8 +214,11 @@ class Collocation:
             x = arc_x[wanted, ...] + _integral(table[wanted, ...], rate_x)
             y = arc_y[wanted, ...] + _integral(table[wanted, ...], rate_y)
         end = turned((tangent_x[-1, ...], tangent_y[-1, ...]), cosine[-1, ...], sine[-1, ...])
-        path = join(x, y)
-        return Pose(path[-1, ...], unit(*end)), path[:-1, ...]
+        place = x[-1, ...], y[-1, ...]
+        if cut:
+            place, end = (tuple(part.content for part in vector) for vector in (place, end))
+        path = join(x[:-1, ...], y[:-1, ...]) if self.outputs else None
+        return Pose(join(*place), unit(*end)), path
 
 
 def _integral(weights: Array, rate: Array) -> Array:
@@ -215,6 +231,13 @@ def _integral(weights: Array, rate: Array) -> Array:
 
 def velocity_and_spin(flow: Flow, x: Array, y: Array) -> tuple[Array, Array, Array]:
     """u_x, u_y and ω₀ (...) at the places (x, y); at one go where the flow knows how."""
+    if isinstance(x, Pieces):
+        if isinstance(x.content, tuple):
+            by_piece = (velocity_and_spin(flow, *place) for place in zip(x.content, y.content, strict=True))
+            u, v, spin = (Pieces(column) for column in zip(*by_piece, strict=True))
+        else:
+            u, v, spin = map(Pieces, velocity_and_spin(flow, x.content, y.content))
+        return u, v, spin
     both = getattr(flow, "velocity_and_spin", None)
     if both is not None:
         return both(x, y)

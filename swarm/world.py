@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm import perception, swimmer
-from swarm.arrays import as_array, namespace
+from swarm.arrays import as_array, at_least, compiling, join, namespace, nowhere
 from swarm.checks import (
     check_box,
     check_cells,
@@ -29,6 +29,7 @@ from swarm.checks import (
 )
 from swarm.fields import DiffusingSource, Field, GaussianPlume, LinearField, RadialField
 from swarm.flows import Flow, PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, UniformFlow, Vortex
+from swarm.pieces import in_pieces
 from swarm.swimmer import Motion, Pose
 
 Array = Any
@@ -391,7 +392,8 @@ class World:
         """
         xp = namespace(position)
         self._check_start(position, heading, past)
-        heading = xp.stack([xp.cos(heading), xp.sin(heading)], axis=-1)
+        position = join(*swimmer.components(position))
+        heading = join(xp.cos(heading), xp.sin(heading))
         dtype = position.dtype
         by_action = [
             as_array(np.asarray(values), position, dtype=dtype)
@@ -410,7 +412,7 @@ class World:
         return State(
             position=position,
             heading=heading,
-            memory=xp.stack(records, axis=-2),
+            memory=perception.memory_of(records),
             clock=as_array(np.zeros((*position.shape[:-1], *counters)), position, dtype=xp.int32),
             start_concentration=concentration,
             finished=as_array(np.zeros(position.shape[:-1]), position, dtype=xp.bool),
@@ -466,6 +468,8 @@ class World:
                 f"got {None if noise is None else tuple(noise.shape)}"
             )
         clock, motion, duration, speed, normal_curvature = self._interval(state, action, noise)
+        if compiling(position) and not (self.in_flow and self.scheme.outputs):
+            motion = Motion(*(in_pieces(part, 2 if self.in_flow else 1) for part in motion))
         if self.in_flow:
             weights = self.tables(position).weights
             pose, path = self.scheme.swim(state.pose, motion, speed, duration, weights, self.flow)
@@ -480,10 +484,10 @@ class World:
         if self.concentration_noise > 0:
             sensed = concentration + self.concentration_noise * noise[..., 0]
         newest = self._record(pose.position, normal_curvature, sensed)
-        reward = (newest[..., 0] - memory[..., -1, 0]) * self.reward_scale
-        memory = perception.remember(memory, newest)
+        reward = (newest[0] - memory[..., -1, 0]) * self.reward_scale
+        memory, observation = perception.renew(memory, newest)
         truncated = finished = self._time_is_up(clock)
-        terminated = finished & ~finished
+        terminated = nowhere(finished)
         if self.domains:
             for inside in self.domains:
                 truncated = truncated | ~inside(pose.position)
@@ -496,7 +500,7 @@ class World:
             finished = finished | was_finished
         state = State(pose.position, pose.heading, memory, clock, start_concentration, finished)
         gain = concentration - start_concentration
-        return state, Outcome(perception.observe(memory), reward, terminated, truncated, gain)
+        return state, Outcome(observation, reward, terminated, truncated, gain)
 
     def _interval(self, state: State, action: Array, noise: Array) -> tuple[Array, ...]:
         """Clock after it, motion, duration, speed and κ* of each cell's next interval."""
@@ -542,7 +546,7 @@ class World:
 
     def _time_is_up(self, clock: Array) -> Array:
         if self.has_common_tick:
-            return clock >= self.life_ticks
+            return at_least(clock, self.life_ticks)
         return self._elapsed(clock, clock) >= self.life * (1 - 1e-6)
 
     def _elapsed(self, clock: Array, like: Array) -> Array:

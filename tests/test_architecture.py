@@ -14,7 +14,7 @@ SWARM = sorted((ROOT / "swarm").glob("*.py"))
 
 # Imports run one way: a module looks only at rooms above its own.
 FLOORS = [
-    {"checks", "arrays", "streams", "files"},
+    {"checks", "arrays", "pieces", "streams", "files"},
     {"fields", "flows", "splines"},
     {"grids", "swimmer", "perception"},
     {"gridded"},
