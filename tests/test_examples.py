@@ -62,9 +62,9 @@ class TestText:
         assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST
         assert commands(path.stem)[-1].endswith(f"python examples/{path.name}")
 
-    def test_is_linked_in_the_documentation(self, path):
-        page = FOLDER.parent / "docs" / "how-to" / "other_libraries.md"
-        assert f"examples/{path.name}" in page.read_text(encoding="utf-8")
+    def test_is_named_in_the_documentation(self, path):
+        pages = (FOLDER.parent / "docs").rglob("*.md")
+        assert any(f"examples/{path.name}" in page.read_text(encoding="utf-8") for page in pages)
 
     def test_uses_nothing_private(self, path):
         for node in ast.walk(tree(path)):
@@ -101,6 +101,18 @@ def test_numpy_loop_lives_the_lives_of_a_population_test():
 
 def test_jax_loop_equals_numpy_to_rounding():
     assert load("jax_loop").main(worlds=2, cells=5, life=20.0) < 1e-12
+
+
+def test_film_shows_every_decision(tmp_path):
+    from PIL import Image
+
+    import swarm
+
+    path, policies = tmp_path / "swarm.gif", {"a": swarm.Greedy(), "b": swarm.Swinging()}
+    load("film").main(path, cells=2, life=1.0, **policies)
+    with Image.open(path) as film:
+        assert film.n_frames == swarm.World(life=1.0).max_decisions
+        assert film.size == (960, 360)
 
 
 def test_cleanrl_loop_trains():
