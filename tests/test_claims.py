@@ -181,6 +181,7 @@ def evidence(**changed):
     cases = {
         name: Measured(
             30.0,
+            0.0,
             {
                 ("", "greedy"): lives(greedy[name][0], angle=greedy[name][1], seeds=()),
                 ("paper", "dqn"): lives(learnt[name][0], angle=learnt[name][1]),
@@ -188,9 +189,10 @@ def evidence(**changed):
         )
         for name in greedy
     }
-    cases["radial"] = Measured(None, {("", "greedy"): lives(seeds=()), ("paper", "dqn"): lives()})
+    cases["radial"] = Measured(None, None, {("", "greedy"): lives(seeds=()), ("paper", "dqn"): lives()})
     cases["taylor_green"] = Measured(
         71.0,
+        0.2,
         {
             ("", "greedy"): lives(37, seeds=()),
             ("paper", "still"): lives(49),

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from swarm import optimal
 from swarm.network import Network
 from swarm.population import population_test
 from swarm.results import RIVAL
+from swarm.starts import draw_starts
 from swarm.strategies import Policy, Swinging
 from swarm.world import World
 
@@ -65,29 +67,31 @@ class Lives(NamedTuple):
 class Measured(NamedTuple):
     """Outcome of a case."""
 
-    limit: float | None
+    limit: float | None  # for the very starts that were tested
+    limit_error: float | None  # about how far off the limit may be
     lives: dict[tuple[str, str], Lives]  # by recipe and kind
 
 
 def measure(case: Case) -> Measured:
     """Live every cell's life under every policy of the case."""
     devised: dict[str, Policy] = {} if case.world.in_flow or case.world.egg else {"swinging": Swinging()}
-    results = _test(case, devised, limit=True)
+    results = _test(case, devised)
     lives = {(DEVISED, name): _lives(case.world, results, [name]) for name in (RIVAL, *devised)}
-    limit = results.attrs.get("limit")
     for stack in case.stacks:
         named: dict[str, Policy] = {
             f"seed {seed}": policy for seed, policy in zip(stack.seeds, stack.policies, strict=True)
         }
-        results = _test(case, named, limit=False)
+        results = _test(case, named)
         found = _lives(case.world, results, list(named))
         lives[stack.recipe, stack.kind] = found._replace(seeds=stack.seeds)
-    return Measured(None if limit is None else float(limit), lives)
+    details = optimal.limit_details(case.world, draw_starts(case.world, case.cells, case.seed))
+    limit, error = (None, None) if details is None else (float(details.value), float(details.error))
+    return Measured(limit, error, lives)
 
 
-def _test(case: Case, policies: dict[str, Policy], *, limit: bool) -> xr.Dataset:
+def _test(case: Case, policies: dict[str, Policy]) -> xr.Dataset:
     return population_test(
-        case.world, policies, cells=case.cells, life=case.world.life, seed=case.seed, limit=limit
+        case.world, policies, cells=case.cells, life=case.world.life, seed=case.seed, limit=False
     )
 
 

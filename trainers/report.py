@@ -97,7 +97,8 @@ def _results(results: Sequence[Row]) -> str:
         rows = [_result(row, columns) for row in mine]
         shown = [place for place in range(len(columns)) if any(row[place] not in ("–", "") for row in rows)]
         rows = [[row[place] for place in shown] for row in rows]
-        limit = f", limit {_number(mine[0]['limit'])}" if mine[0]["limit"] else ""
+        limit = f", limit {_number(mine[0]['limit'])}" if mine[0]["limit"] else ", no limit known"
+        limit += f" ± {error:.2f}" if (error := mine[0]["limit_error"] or 0.0) >= 0.005 else ""
         parts.append(f"**{name}** ({mine[0]['cells']} cells, lives of at most {mine[0]['life']:g}{limit})\n")
         parts.append(tables.as_markdown([columns[place] for place in shown], rows))
     if authors:

@@ -58,6 +58,7 @@ def _result(case: Case, measured: Measured, recipe: str, kind: str, lives: Lives
         "median_seed": float(by_seed[median_place(by_seed.tolist())]),
         "best_seed": float(by_seed.max()),
         "limit": limit,
+        "limit_error": measured.limit_error,
         "part_of_limit": limit and of_mean.value / limit,
         "worst_part_of_limit": limit and float(by_seed.min()) / limit,
         "lead": None if kind == RIVAL else ahead.value,
