@@ -243,6 +243,15 @@ def test_a_run_whose_policies_are_damaged_is_trained_again(done, tmp_path, spari
     assert again == (done.out / "runs/paper/linear_n2/seed_1/policy.safetensors").read_bytes()
 
 
+def test_one_seed_is_enough_for_verdicts(tmp_path, sparing):
+    found = reproduce(dataclasses.replace(SMALL, n_seeds=1), tmp_path)
+    (beats,) = (claim for claim in found if claim.id == "dqn_beats_greedy_linear_n2")
+    assert beats.seeds == (0,)
+    assert beats.interval is not None  # over cells
+    (rises,) = (claim for claim in found if claim.id == "gain_rises_linear_n2")
+    assert rises.interval is None
+
+
 def test_figures_of_an_earlier_reproduction_do_not_stay(done, tmp_path, sparing):
     shutil.copytree(done.out / "runs/paper/linear_n2", tmp_path / "runs/paper/linear_n2")
     reproduce(SMALL, tmp_path)

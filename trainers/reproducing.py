@@ -254,12 +254,12 @@ def check_folder(folder: Path) -> None:
     from trainers.reporting import FILES, RECORD
 
     if folder.exists() and not folder.is_dir():
-        raise ReproductionError(f"--out must be a folder, got the file {folder}")
+        raise ReproductionError(f"{folder} must be a folder, but is a file")
     mine = [name for name in FILES if (folder / name).exists()]
     if mine and RECORD not in mine:
         raise ReproductionError(
-            f"--out must be a new folder or that of an earlier reproduction: {folder / mine[0]} is there, "
-            f"but no {RECORD}"
+            f"{folder} must be a new folder or that of an earlier reproduction: {folder / mine[0]} is "
+            f"there, but no {RECORD}"
         )
 
 
