@@ -15,10 +15,17 @@ from swarm.strategies import Greedy, Swinging
 from swarm.world import World
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = (
-    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync --window-size=900,700"
-).split()
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--window-size=900,700",
+]
 
 
 @pytest.fixture(scope="module")
@@ -78,4 +85,5 @@ def test_a_page_plays_in_a_browser(results, tmp_path):
     save_page(results, tmp_path / "page.html")
     dom = opened(tmp_path / "page.html", "#play=1", tmp_path / "profile")
     clock = re.search(r"t = ([\d.]+) of 12", dom)
-    assert clock is not None and float(clock.group(1)) > 0
+    assert clock is not None
+    assert float(clock.group(1)) > 0
