@@ -41,14 +41,14 @@ def staging(out: Path) -> Iterator[Path]:
 
 
 def put_in_place(staged: Path, out: Path) -> None:
-    """Copy what was written, file by file and each whole, the report last; what is left of an earlier
-    reproduction goes.
+    """Copy what was written, file by file and each whole: first the record, which says whose folder it is, last
+    the report. What is left of an earlier reproduction goes.
     """
     written = {path.relative_to(staged) for path in staged.rglob("*") if path.is_file()}
     for old in [path for name in (FIGURES, LIVES) for path in (out / name).rglob("*") if path.is_file()]:
         if old.relative_to(out) not in written:
             old.unlink()
-    for path in sorted(written, key=lambda path: path.name == REPORT):
+    for path in sorted(written, key=lambda path: (path.name == REPORT, path.name != RECORD)):
         (out / path).parent.mkdir(parents=True, exist_ok=True)
         files.write_bytes(out / path, (staged / path).read_bytes())
 
