@@ -41,8 +41,8 @@ def staging(out: Path) -> Iterator[Path]:
 
 
 def put_in_place(staged: Path, out: Path) -> None:
-    """Copy what was written, file by file and each whole: first the record, which says whose folder it is, last
-    the report. What is left of an earlier reproduction goes.
+    """Copy what was written, file by file and each whole: first the record, which says whose folder it is,
+    last the report. What is left of an earlier reproduction goes.
     """
     written = {path.relative_to(staged) for path in staged.rglob("*") if path.is_file()}
     for old in [path for name in (FIGURES, LIVES) for path in (out / name).rglob("*") if path.is_file()]:
