@@ -21,8 +21,8 @@ from swarm.checks import (
     check_number,
     check_point,
 )
-from swarm.fields import LinearField, RadialField
-from swarm.flows import StillWater, TaylorGreen
+from swarm.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
+from swarm.flows import FunctionFlow, PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, Vortex
 from swarm.world import FIELDS, FLOWS, World
 
 
@@ -145,7 +145,7 @@ def test_the_first_bad_cell_is_named(xp):
     check_cells("thing", "be good", value, array(xp, np.ones((2, 3), bool)))
 
 
-# --- the parameters of a world -----------------------------------------------------------------------------
+# --- the parameters of a world ---------------------------------------------------------------------------
 
 NUMBERS = {
     "life": "above 0",
@@ -285,3 +285,83 @@ def test_every_name_makes_a_world(field, flow):
     world = World(field=field, flow=flow)
     assert type(world.field) is FIELDS[field]
     assert type(world.flow) is FLOWS[flow]
+
+
+# --- the parameters of fields and flows --------------------------------------------------------------------
+
+
+def height(position):
+    return position[..., 1]
+
+
+POSITIVE = [
+    (LinearField, {}, ["gradient_scale"]),
+    (RadialField, {}, ["gradient_scale", "egg_radius"]),
+    (GaussianPlume, {}, ["gradient_scale", "width", "egg_radius"]),
+    (DiffusingSource, {}, ["gradient_scale", "distance", "core", "egg_radius"]),
+    (
+        FunctionField,
+        {"function": height, "gradient_scale": 2.0},
+        ["gradient_scale", "max_gradient", "egg_radius"],
+    ),
+    (TaylorGreen, {}, ["speed_scale", "wavenumber"]),
+    (ShearFlow, {}, ["speed_scale", "height"]),
+    (PoiseuilleFlow, {}, ["speed_scale"]),
+    (Vortex, {}, ["speed_scale", "core"]),
+    (
+        FunctionFlow,
+        {"function": height, "speed_scale": 1.0, "spin_scale": 1.0},
+        ["speed_scale", "spin_scale", "period"],
+    ),
+]
+CASES = [(kind, given, name) for kind, given, names in POSITIVE for name in names]
+
+
+@pytest.mark.parametrize(("kind", "given", "name"), CASES, ids=lambda v: getattr(v, "__name__", str(v))[:20])
+def test_every_scale_and_length_of_a_part_is_a_positive_number(kind, given, name):
+    part = kind(**{**given, name: np.float32(0.125)})
+    assert getattr(part, name) == 0.125
+    assert type(getattr(part, name)) is float
+    for value in (0, 0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match=f"^{name} must be a finite number above 0, got {value}"):
+            kind(**{**given, name: value})
+    for value in ("1", [1.0], True):
+        with pytest.raises(TypeError, match=f"^{name} must be a finite number above 0, got"):
+            kind(**{**given, name: value})
+
+
+@pytest.mark.parametrize("kind", [LinearField, RadialField, GaussianPlume, DiffusingSource])
+def test_every_offset_is_a_finite_number(kind):
+    assert kind(offset=-3).offset == -3.0
+    assert type(kind(offset=-3).offset) is float
+    with pytest.raises(ValueError, match="^offset must be a finite number, got nan"):
+        kind(offset=math.nan)
+
+
+@pytest.mark.parametrize("name", ["max_speed", "max_spin"])
+def test_bounds_of_a_function_flow_may_be_zero(name):
+    given = {"function": height, "speed_scale": 1.0, "spin_scale": 1.0}
+    assert getattr(FunctionFlow(**given, **{name: 0}), name) == 0.0
+    with pytest.raises(ValueError, match=f"^{name} must be a finite number of at least 0, got -1"):
+        FunctionFlow(**given, **{name: -1})
+
+
+@pytest.mark.parametrize(
+    ("kind", "given"),
+    [
+        (FunctionField, {"function": height, "gradient_scale": 1.0}),
+        (FunctionFlow, {"function": height, "speed_scale": 1.0, "spin_scale": 1.0}),
+    ],
+)
+def test_functions_and_boxes_of_function_parts_are_checked(kind, given):
+    assert kind(**given, box=[[0, 1], [2, 3]]).box == ((0.0, 1.0), (2.0, 3.0))
+    assert kind(**given, inside=height).inside is height
+    with pytest.raises(ValueError, match=r"^box must be \(\(x_low"):
+        kind(**given, box=[[1, 0], [2, 3]])
+    with pytest.raises(TypeError, match=r"^inside must be a function of positions .* got 3"):
+        kind(**given, inside=3)
+    with pytest.raises(TypeError, match=r"^function must be a function of positions .* got None"):
+        kind(**{**given, "function": None})
+    if kind is FunctionFlow:
+        with pytest.raises(TypeError, match=r"^spin_function must be a function of positions .* got 3"):
+            kind(**given, spin_function=3)
