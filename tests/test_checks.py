@@ -334,7 +334,7 @@ def test_every_scale_and_length_of_a_part_is_a_positive_number(kind, given, name
 def test_every_offset_is_a_finite_number(kind):
     assert kind(offset=-3).offset == -3.0
     assert type(kind(offset=-3).offset) is float
-    with pytest.raises(ValueError, match="^offset must be a finite number, got nan"):
+    with pytest.raises(ValueError, match=r"^offset must be a finite number, got nan"):
         kind(offset=math.nan)
 
 
