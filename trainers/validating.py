@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from swarm.optimal import limit
 from torch import Tensor
 
+from swarm.optimal import limit
 from swarm.starts import Starts, draw_noise, draw_starts
 from swarm.strategies import Greedy, Policy
 from swarm.torchrl_env import NOISE_BLOCK
