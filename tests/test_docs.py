@@ -31,29 +31,10 @@ SHORT = {
     "watch": "--cells 3 --life 2",
 }
 # Modules of `swarm` that nobody needs to call; all others are on the API page.
-INTERNAL = {
-    "arena",
-    "arrays",
-    "checks",
-    "drawing",
-    "files",
-    "grids",
-    "panel",
-    "pieces",
-    "picture",
-    "policy_files",
-}
-INTERNAL |= {
-    "optimal_files",
-    "optimal_problem",
-    "optimal_still",
-    "optimal_tables",
-    "optimal_vortices",
-    "provenance",
-    "scene",
-    "splines",
-    "window",
-}
+INTERNAL = set(
+    "arena arrays checks drawing files grids optimal_files optimal_problem optimal_still optimal_tables "
+    "optimal_vortices panel picture pieces policy_files provenance scene splines window".split()
+)
 
 
 class Block(NamedTuple):
