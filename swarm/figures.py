@@ -264,7 +264,8 @@ def training(curves: Mapping[str, Curve] | Curve) -> Figure:
         axes.set_title(title, loc="left")
         axes.set_xlabel("epoch")
     panels[0].set_ylabel(r"gain $\Delta c$")
-    panels[-1].legend(loc="lower right")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
     if len(named) > 1:
         lettered(panels)
     return figure
