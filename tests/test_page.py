@@ -35,12 +35,12 @@ def results():
 
 
 def opened(path: Path, fragment: str, profile: Path, *flags: str) -> str:
-    """The document after the browser has run it for two seconds of its own time."""
+    """The document after the browser has run it for six seconds of its own time."""
     command = [
         CHROMIUM,
         *FLAGS,
         f"--user-data-dir={profile}",
-        "--virtual-time-budget=2000",
+        "--virtual-time-budget=6000",
         "--dump-dom",
         *flags,
     ]
@@ -83,7 +83,10 @@ def test_a_browser_shows_time_and_gain(results, tmp_path):
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 def test_a_page_plays_in_a_browser(results, tmp_path):
     save_page(results, tmp_path / "page.html")
-    dom = opened(tmp_path / "page.html", "#play=1", tmp_path / "profile")
-    clock = re.search(r"t = ([\d.]+) of 12", dom)
-    assert clock is not None
-    assert float(clock.group(1)) > 0
+    for attempt in range(4):  # a busy machine may get no second frame drawn in time
+        dom = opened(tmp_path / "page.html", "#play=1", tmp_path / f"profile{attempt}")
+        clock = re.search(r"t = ([\d.]+) of 12", dom)
+        assert clock is not None
+        if float(clock.group(1)) > 0:
+            return
+    pytest.fail("the clock of the page stands still")
