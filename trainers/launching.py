@@ -263,13 +263,16 @@ def check_from() -> None:
 
 def test_settings(policy: str, experiment: str | None) -> Settings:
     """Settings of an experiment, or those a trained policy's card tells of, else of linear_n4."""
-    from swarm.evaluation import STRATEGIES
-    from swarm.network import load_policy
+    from swarm.evaluation import STRATEGIES, named_policy
+    from swarm.network import ZOO, load_policy
+    from swarm.world import World
 
     if experiment is not None:
         return settings_from([f"experiment={experiment}"])
     if policy in STRATEGIES:
         return settings_from([])
+    if not policy.startswith(ZOO) and not Path(policy).exists():
+        named_policy(policy, World())  # raises, and suggests what may be meant
     card = load_policy(policy).card
     known = card.get("settings")
     known = known if isinstance(known, dict) else {}
