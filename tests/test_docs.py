@@ -31,9 +31,9 @@ SHORT = {
     "watch": "--cells 3 --life 2",
 }
 # Modules of `swarm` that nobody needs to call; all others are on the API page.
-INTERNAL = set(
-    "arena arrays checks drawing files grids optimal_files optimal_problem optimal_still optimal_tables "
-    "optimal_vortices panel picture pieces policy_files provenance scene splines window".split()
+INTERNAL = re.compile(
+    "arena|arrays|checks|drawing|files|grids|optimal_.*|panel|picture|pieces|policy_files|provenance|scene"
+    "|splines|window"
 )
 
 
@@ -197,7 +197,8 @@ def test_bounds_on_the_environment_card_are_those_of_the_spaces():
 def test_every_module_of_the_world_is_on_the_api_page():
     text = (DOCS / "api.md").read_text(encoding="utf-8")
     shown = set(re.findall(r"^::: swarm\.(\w+)$", text, re.MULTILINE))
-    missing = {path.stem for path in (ROOT / "swarm").glob("[!_]*.py")} - shown - INTERNAL
+    missing = {path.stem for path in (ROOT / "swarm").glob("[!_]*.py")} - shown
+    missing = {name for name in missing if not INTERNAL.fullmatch(name)}
     assert not missing, "modules belong on docs/api.md, or in INTERNAL above"
 
 
