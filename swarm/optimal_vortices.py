@@ -33,7 +33,8 @@ NODES = np.arange(-2, 3)  # the neighbours that a reading goes through while it 
 DAMPING = 0.2  # of the shortest wave, per decision
 DAMPING_ORDER = 4  # half the order of the difference that damps
 INVERSE_STEPS = 60  # at most, to find where a motion comes from
-CHUNK = 40_000  # places whose motions are computed at once
+SETTLED = 1e-6  # and how exactly [length]
+CHUNK = 10_000  # places whose motions are computed at once
 
 Progress = Callable[[float], None]
 
@@ -119,16 +120,19 @@ def backward(
     With `monotone` no reading exceeds the values it lies between: less exact, but no steep front overshoots.
     """
     damp = _damping(grid)
-    actions = range(len(problem.ticks))
-    whole = [_Decision(problem, grid, action, problem.life_ticks, monotone) for action in actions]
+    whole: dict[int, _Decision] = {}  # by action
     recent = {0: (0.0, (-np.cos(grid.points[0]) / grid.curvature).astype(np.float32))}
     yield recent[0]
     times = problem.times.tolist()[1:]
     for done, left in enumerate(times):
-        steps = [
-            whole[action] if left > ticks else _Decision(problem, grid, action, left, monotone)
-            for action, ticks in enumerate(problem.ticks)
-        ]
+        steps = []
+        for action, ticks in enumerate(problem.ticks):
+            cut = problem.duration(action, left) < ticks * problem.tick
+            step = None if cut else whole.get(action)
+            step = _Decision(problem, grid, action, left, monotone) if step is None else step
+            if not cut:
+                whole[action] = step
+            steps.append(step)
         later = [recent[max(left - ticks, 0)] for ticks in problem.ticks]
         base = later[0][0]
         values = steps[0].before(later[0][1])
@@ -148,7 +152,6 @@ class _Decision:
     """What one decision does to a table: the readings along θ, Y and X, and how far the centre rises."""
 
     def __init__(self, problem: Problem, grid: Grid, action: int, left: int, monotone: bool) -> None:
-        self.monotone = monotone
         speed, duration = problem.speeds[action], float(problem.duration(action, left))
         motion = _Motion(grid, problem, problem.curvatures[action], speed, duration)
         size = len(grid.points[0])
@@ -159,14 +162,16 @@ class _Decision:
         theta, x, y, rise = (np.concatenate(part) for part in zip(*parts, strict=True))
         self.rise = rise.astype(np.float32)
         self.readings = [_reading(grid, axis, offset) for axis, offset in ((0, theta), (2, y), (1, x))]
+        columns = [matrix.indices.reshape(-1, len(NODES))[:, 1:-1] for matrix in self.readings]
+        self.between = [np.ascontiguousarray(part.T) for part in columns] if monotone else []
 
     def before(self, values: np.ndarray) -> np.ndarray:
         """What is still to come (points,) before the decision, from `values` (points,) after it."""
         for axis, matrix in enumerate(self.readings):
             read = matrix @ values
-            if self.monotone and axis > 0:  # in place; headings carry no fronts
-                near = values[matrix.indices.reshape(-1, len(NODES))[:, 1:-1].T]
-                read = np.clip(read, near.min(axis=0), near.max(axis=0))
+            if self.between and axis > 0:  # in place; headings carry no fronts
+                near = [values[index] for index in self.between[axis]]
+                np.clip(read, np.minimum.reduce(near), np.maximum.reduce(near), out=read)
             values = read
         return values + self.rise
 
@@ -202,14 +207,14 @@ class _Motion:
         from_x, shift = x - along_x, along_x
         for _ in range(INVERSE_STEPS):
             _, shift, along_y = self.moved(theta, from_x, y)
-            settled = np.abs(x - shift - from_x).max() < 1e-9
+            settled = np.abs(x - shift - from_x).max() < SETTLED
             from_x = x - shift
             if settled:
                 break
         from_y = y - along_y
         for _ in range(INVERSE_STEPS):
             turn, shift, rest = self.moved(theta, from_x, from_y)
-            settled = max(np.abs(x - shift - from_x).max(), np.abs(y - rest - from_y).max()) < 1e-9
+            settled = max(np.abs(x - shift - from_x).max(), np.abs(y - rest - from_y).max()) < SETTLED
             from_x, from_y = x - shift, y - rest
             if settled:
                 break
