@@ -77,7 +77,8 @@ class GriddedField(_OnGrid):
             if not gradient_scale > 0:
                 raise ValueError("gradient_scale must be given where the field has no gradient, got None")
         self.gradient_scale = check_number("gradient_scale", gradient_scale, above=0.0)
-        self.max_gradient = float(np.hypot(*self.spline.slope_bounds[0]))
+        _, slopes = self.spline.bounds()
+        self.max_gradient = float(np.hypot(*slopes[0]))
         self.egg_position = check_point("egg_position", egg_position)
         self.egg_radius = None if egg_radius is None else check_number("egg_radius", egg_radius, above=0.0)
 
@@ -122,10 +123,9 @@ class GriddedFlow(_OnGrid):
         self._differentiates = len(values) == 2
         at_points, slope_x, slope_y = self.spline.at_points()
         spins = 0.5 * (slope_x[1] - slope_y[0]) if self._differentiates else at_points[2]
-        self.max_speed = float(np.hypot(*self.spline.coefficients[:2]).max())
-        slopes = self.spline.slope_bounds
-        of_spin = 0.5 * (slopes[1, 0] + slopes[0, 1])
-        self.max_spin = float(of_spin if self._differentiates else np.abs(self.spline.coefficients[2]).max())
+        sizes, slopes = self.spline.bounds(of=_speed_and_spin)
+        self.max_speed = float(sizes[0])
+        self.max_spin = float(0.5 * (slopes[1, 0] + slopes[0, 1]) if self._differentiates else sizes[1])
         self.max_shear = float(slopes[:2].max())
         fastest = float(np.hypot(*at_points[:2]).max()) if speed_scale is None else speed_scale
         self.speed_scale = check_number("speed_scale", fastest, above=0.0)
@@ -151,6 +151,11 @@ class GriddedFlow(_OnGrid):
 
     def __repr__(self) -> str:
         return self._described(speed_scale=self.speed_scale, spin_scale=self.spin_scale)
+
+
+def _speed_and_spin(values: np.ndarray) -> np.ndarray:
+    """|u| and, where they are there, |ω₀| from (u_x, u_y, ω₀)."""
+    return np.stack([np.hypot(values[0], values[1]), *np.abs(values[2:])])
 
 
 def _central_spin(grid: Grid) -> np.ndarray:

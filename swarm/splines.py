@@ -8,6 +8,7 @@ NumPy.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ Array = Any
 
 DEGREES = {"linear": 1, "cubic": 3}
 MIN_POINTS = {"linear": 2, "cubic": 4}
+_BLOCK = 64  # lines of cells
 
 
 @dataclass(frozen=True)
@@ -151,18 +153,35 @@ class Spline:
     # --- bounds
     # ----------------------------------------------------------------------------------------------
 
-    @property
-    def slope_bounds(self) -> np.ndarray:
-        """Bounds (quantities, 2) of each quantity's derivatives along x and y: of the differences of its
-        control values."""
-        return np.stack(
-            [
-                np.abs(np.diff(self.coefficients, axis=1 + axis)).max(axis=(1, 2))
-                / self.lattice.spacing[axis]
-                for axis in (0, 1)
-            ],
-            axis=-1,
-        )
+    def bounds(self, *, of: Callable[[np.ndarray], np.ndarray] = np.abs) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (quantities,) of the values, by default of their size, and (quantities, 2) of the slopes'
+        size.
+
+        Each piece lies in the convex hull of its Bézier control values, and so do its derivatives in that of
+        their differences. `of` maps control values (quantities, ...) to what is to be bounded, a convex
+        function of them.
+        """
+        values, slopes = [], []
+        cells = self.coefficients.shape[1] - self.degree
+        for first in range(0, cells, _BLOCK):  # in blocks, to spare memory
+            block = self.coefficients[:, first : first + _BLOCK + self.degree]
+            control = self._bezier(self._bezier(block, 1), 2)
+            values.append(of(control).max(axis=(1, 2)))
+            steps = [np.abs(np.diff(control, axis=axis)).max(axis=(1, 2)) for axis in (1, 2)]
+            slopes.append(self.degree * np.stack(steps, axis=-1) / np.asarray(self.lattice.spacing))
+        return np.max(values, axis=0), np.max(slopes, axis=0)
+
+    def _bezier(self, control: np.ndarray, axis: int) -> np.ndarray:
+        """Bézier control values along an axis: of each cell `degree` + 1, the last of one being the first of
+        the next."""
+        if self.degree == 1:
+            return control
+        c = np.moveaxis(control, axis, 0)
+        thirds = [(2 * c[1:-2] + c[2:-1]) / 3, (c[1:-2] + 2 * c[2:-1]) / 3]
+        points = (c[:-2] + 4 * c[1:-1] + c[2:]) / 6
+        result = np.empty((3 * len(points) - 2, *c.shape[1:]))
+        result[::3], result[1::3], result[2::3] = points, *thirds
+        return np.moveaxis(result, 0, axis)
 
     def at_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """`with_slopes` at the lattice's own points, (quantities, nx, ny) each."""

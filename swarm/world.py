@@ -167,6 +167,8 @@ class World:
                 f"n_records = {self.n_records} with period 2π/(κ̄ speed) = {min(self.periods):g} and "
                 f"time_step = {self.time_step:g}"
             )
+        if self.in_flow:
+            _ = self.scheme  # raises where the flow varies too fast
 
     def replace(self, **changes: Any) -> World:
         """A copy with other parameters, checked again."""
