@@ -1,4 +1,4 @@
-"""`python -m benchmarks [NAME ...]`: measure, print tables, write JSON files that say where they come from."""
+"""`python -m benchmarks [NAME ...]`: measure, print tables, write JSON files with where they come from."""
 
 from __future__ import annotations
 

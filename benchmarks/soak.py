@@ -1,7 +1,7 @@
 """Training and stepping without pause: memory, open files and speed must not drift.
 
-Run with `python -m benchmarks.soak [--minutes 60] [--out DIR]`; writes soak.csv and soak.png, and ends with exit
-code 1 where something drifts.
+Run with `python -m benchmarks.soak [--minutes 60] [--out DIR]`; writes soak.csv and soak.png, and ends with
+exit code 1 where something drifts.
 """
 
 from __future__ import annotations

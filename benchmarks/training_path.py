@@ -1,8 +1,8 @@
 """Training against a plain PyTorch loop: the same work, the same goal, many seeds at once, the first step.
 
 - Same work: an epoch of `linear_n4` as shipped against a loop of plain tensors, nn.Module, autograd and fused
-  Adam that makes the same decisions and as many updates of the same size; and the pieces of which ours would be
-  made with TorchRL's own.
+  Adam that makes the same decisions and as many updates of the same size; and what ours would be made of
+  with TorchRL's own parts.
 - Same goal: training time, without validation, until the greedy policy passes 97% and 99% of the limit.
 - Many seeds: an epoch of 16 independent seeds at once against an epoch of one.
 
@@ -12,6 +12,7 @@ Run with `python -m benchmarks.training_path [--out FILE.json]`.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 from pathlib import Path
 from time import perf_counter
@@ -58,7 +59,7 @@ class PlainLoop:
     def _network(self) -> nn.Module:
         sizes = (self.world.observation_size, *self.learning.hidden, self.world.n_actions)
         layers: list[nn.Module] = []
-        for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
+        for inputs, outputs in itertools.pairwise(sizes):
             layers += [nn.Linear(inputs, outputs), nn.Tanh()]
         return nn.Sequential(*layers[:-1])
 
@@ -253,7 +254,7 @@ def many_seeds(seconds: float) -> list[dict[str, Any]]:
 
 @torch.inference_mode()
 def same_goal(experiment: str, seeds: int = 5) -> list[dict[str, Any]]:
-    """Training time of each seed until the marks are passed, looked at after every round of updates' epoch tenth."""
+    """Training time of each seed until the marks are passed, looked at after every third round of updates."""
     times: dict[float, list[float]] = {mark: [] for mark in MARKS}
     for seed in range(seeds):
         training = Training(settings_from([f"experiment={experiment}", f"seed={seed}", "compile=never"]))
