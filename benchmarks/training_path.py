@@ -253,46 +253,45 @@ def many_seeds(seconds: float) -> list[dict[str, Any]]:
 
 
 @torch.inference_mode()
+def time_to_marks(experiment: str, seed: int) -> list[float]:
+    """Training time of one seed until each mark is passed, looked at after every third round of updates."""
+    training = Training(settings_from([f"experiment={experiment}", f"seed={seed}", "compile=never"]))
+    validation, learn = training.validation, training.learner.learn
+    assert validation.limits is not None
+    limit, reached = float(validation.limits[0]), [float("inf")] * len(MARKS)
+    spent, rounds, begun = 0.0, 0, perf_counter()
+
+    def watched(rate: Any) -> Any:
+        nonlocal spent, rounds, begun
+        result = learn(rate)
+        spent += perf_counter() - begun
+        rounds += 1
+        if rounds % 3 == 0:
+            part = float(validation.gains(training.learner.online)[0]) / limit
+            for place, mark in enumerate(MARKS):
+                if part > mark:
+                    reached[place] = min(reached[place], spent)
+        begun = perf_counter()
+        return result
+
+    training.learner.learn = watched  # type: ignore[method-assign]
+    training._validate = lambda: np.full(1, np.nan)  # type: ignore[method-assign]
+    while training.epoch < training.settings.learning.epochs and max(reached) == float("inf"):
+        training.run_epoch()
+    return reached
+
+
 def same_goal(experiment: str, seeds: int = 5) -> list[dict[str, Any]]:
-    """Training time of each seed until the marks are passed, looked at after every third round of updates."""
-    times: dict[float, list[float]] = {mark: [] for mark in MARKS}
-    for seed in range(seeds):
-        training = Training(settings_from([f"experiment={experiment}", f"seed={seed}", "compile=never"]))
-        validation, limits = training.validation, training.validation.limits
-        assert limits is not None
-        spent, checked = 0.0, 0
-        reached: dict[float, float] = {}
-        training.env.restart()
-        learn = training.learner.learn
-
-        def watched(rate: Any, learn: Any = learn, training: Training = training) -> Any:
-            nonlocal spent, checked, begun
-            result = learn(rate)
-            spent += perf_counter() - begun
-            checked += 1
-            if checked % 3 == 0 and len(reached) < len(MARKS):
-                part = float((validation.gains(training.learner.online) / limits)[0])
-                for mark in MARKS:
-                    if part > mark:
-                        reached.setdefault(mark, spent)
-            begun = perf_counter()
-            return result
-
-        training.learner.learn = watched  # type: ignore[method-assign]
-        training._validate = lambda: np.full(1, np.nan)  # type: ignore[method-assign]
-        while training.epoch < training.settings.learning.epochs and len(reached) < len(MARKS):
-            begun = perf_counter()
-            training.run_epoch()
-        for mark in MARKS:
-            times[mark].append(reached.get(mark, float("inf")))
+    """Medians over seeds of the training time to each mark."""
+    times = np.array([time_to_marks(experiment, seed) for seed in range(seeds)])
     return [
         {
             "what": f"{experiment}: seconds to {mark:.0%} of the limit, median of {seeds} seeds",
-            "seconds": float(np.median(times[mark])),
+            "seconds": float(np.median(times[:, place])),
             "ratio": None,
             "at_most": None,
         }
-        for mark in MARKS
+        for place, mark in enumerate(MARKS)
     ]
 
 
