@@ -8,10 +8,20 @@ import json
 import os
 import platform
 from pathlib import Path
+from typing import Any
 
 from swarm import files, provenance
 
 NAMES = ("pettingzoo_path", "training_path")
+
+
+def as_table(rows: list[dict[str, Any]]) -> str:
+    """Rows as a table in Markdown, for the page of results."""
+    heads = list(rows[0])
+    lines = [heads, ["--"] + ["--:"] * (len(heads) - 1)]
+    for row in rows:
+        lines.append([f"{cell:.3g}" if isinstance(cell, float) else str(cell or "") for cell in row.values()])
+    return "".join("| " + " | ".join(each.replace("_", " ") for each in line) + " |\n" for line in lines)
 
 
 def main() -> None:
@@ -33,6 +43,7 @@ def main() -> None:
             "cores": os.cpu_count(),
         }
         files.write_text(options.out / f"{name}.json", json.dumps(record, indent=1) + "\n")
+        files.write_text(options.out / f"{name}.txt", as_table(rows))
     print(f"\nwritten to {options.out}")
 
 

@@ -135,7 +135,7 @@ def _centrelines_panel(
         gradient_arrow(axes)
     axes.set(xlabel="$x - x_0$" if shifted else "$x$", ylabel="$y - y_0$" if shifted else "$y$")
     above = {} if linear else {"bbox_to_anchor": (1.0, 1.0), "ncols": len(policies)}
-    legend(axes, policies, loc="lower right", handlelength=1.8, borderaxespad=0.2, **above)
+    legend(axes, policies, loc="best", handlelength=1.8, borderaxespad=0.2, **above)
 
 
 def _flow_panels(results: xr.Dataset, world: World, policies: Sequence[str], cells: int | None) -> Figure:
