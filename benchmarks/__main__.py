@@ -17,11 +17,11 @@ NAMES = ("pettingzoo_path", "training_path")
 
 def as_table(rows: list[dict[str, Any]]) -> str:
     """Rows as a table in Markdown, for the page of results."""
-    heads = list(rows[0])
+    heads = [name.replace("_", " ") for name in rows[0]]
     lines = [heads, ["--"] + ["--:"] * (len(heads) - 1)]
     for row in rows:
         lines.append([f"{cell:.3g}" if isinstance(cell, float) else str(cell or "") for cell in row.values()])
-    return "".join("| " + " | ".join(each.replace("_", " ") for each in line) + " |\n" for line in lines)
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
 def main() -> None:
