@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from time import perf_counter
 
@@ -29,3 +30,9 @@ def best_times(
                 call()
             best[name] = min(best[name], (perf_counter() - start) / counts[name])
     return best
+
+
+def resident_bytes() -> int:
+    """Memory that this process has in use."""
+    with open("/proc/self/statm", encoding="ascii") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
