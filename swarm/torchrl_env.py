@@ -19,7 +19,7 @@ from torchrl.envs import EnvBase
 from swarm import streams
 from swarm.checks import check_count, check_name
 from swarm.starts import draw_noise, draw_starts
-from swarm.world import State, World
+from swarm.world import Outcome, State, World
 
 GROUP = "swimmers"
 NOISE_BLOCK = 64  # decisions whose noise is drawn at once
@@ -144,9 +144,16 @@ class SwarmEnv(EnvBase):
 
     def advance(self, action: Tensor) -> Transition:
         """One decision of every cell, without a TensorDict; does not restart finished worlds."""
+        return self._advance(action)[0]
+
+    def _advance(self, action: Tensor) -> tuple[Transition, Tensor]:
+        """What `advance` returns, and the gain."""
         if self.state is None:
             raise RuntimeError("restart() or reset() must come before advance()")
-        self.state, result = self._decide(self.state, action, self._noise_now())
+        # Not in the compiled part: torch's compiler writes flags byte by byte.
+        valid = ~self.state.finished
+        self.state, outcome = self._decide(self.state, action, self._noise_now())
+        result = Transition(outcome.observation, outcome.reward, outcome.terminated, outcome.truncated, valid)
         self.decision += 1
         if self.world.has_noise and (due := self.decision % NOISE_BLOCK == 0).any():
             self._refill_noise(due)
@@ -156,7 +163,7 @@ class SwarmEnv(EnvBase):
             )
             self.state = self.state._replace(finished=self.state.finished | result.truncated)
         self.observation = result.observation
-        return result
+        return result, outcome.gain
 
     def gain(self) -> Tensor:
         """Gain c(t) − c(0) (worlds, cells) so far [concentration]."""
@@ -174,7 +181,9 @@ class SwarmEnv(EnvBase):
 
     def load_state_dict_of_env(self, arrays: dict[str, Tensor]) -> None:
         """Go on from what `state_dict_of_env` gave."""
-        self.state = State(*(arrays[f"state.{name}"].to(self._place) for name in State._fields))
+        state = State(*(arrays[f"state.{name}"].to(self._place) for name in State._fields))
+        parts = {name: _part_by_part(getattr(state, name)) for name in ("position", "heading", "memory")}
+        self.state = state._replace(**parts)
         self.episode, self.decision = arrays["episode"].numpy().copy(), arrays["decision"].numpy().copy()
         self.observation = self.world.observation(self.state)
         if self.world.has_noise:
@@ -195,16 +204,17 @@ class SwarmEnv(EnvBase):
             else self._tensor(worlds)
         )
         self._terminated = _where(fresh, torch.zeros_like(done), self._terminated)
-        return self._pack(observation, self.gain(), done, self._terminated, done & ~self._terminated)
+        return self._pack(observation, self.gain(), done)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         action = tensordict[GROUP, "action"]
         self._check_action(action)
-        result = self.advance(action)
+        result, gain = self._advance(action)
         assert self.state is not None
         done = self.state.finished[..., None]
-        self._terminated = self._terminated | result.terminated[..., None]
-        out = self._pack(result.observation, self.gain(), done, self._terminated, done & ~self._terminated)
+        if self.world.egg is not None:
+            self._terminated = self._terminated | result.terminated[..., None]
+        out = self._pack(result.observation, gain, done)
         out[GROUP]["reward"] = result.reward[..., None].to(torch.float32)
         return out
 
@@ -223,19 +233,12 @@ class SwarmEnv(EnvBase):
     def _set_seed(self, seed: int | None) -> None:
         self.set_seeds([0 if seed is None else seed])
 
-    def _pack(
-        self, observation: Tensor, gain: Tensor, done: Tensor, terminated: Tensor, truncated: Tensor
-    ) -> TensorDict:
-        everyone = done.all(dim=1)  # (worlds, 1)
-        ended = terminated.all(dim=1)
+    def _pack(self, observation: Tensor, gain: Tensor, done: Tensor) -> TensorDict:
+        flags = {"done": done, "terminated": self._terminated, "truncated": done & ~self._terminated}
+        everyone = _all_cells(done)
+        ended = _all_cells(self._terminated) if self.world.egg is not None else torch.zeros_like(everyone)
         group = TensorDict(
-            {
-                "observation": observation,
-                "gain": gain[..., None].to(torch.float32),
-                "done": done,
-                "terminated": terminated,
-                "truncated": truncated,
-            },
+            {"observation": observation, "gain": gain[..., None].to(torch.float32), **flags},
             batch_size=(self.n_worlds, self.n_swimmers),
             device=self.device,
         )
@@ -308,14 +311,15 @@ class SwarmEnv(EnvBase):
         return torch.as_tensor(values, device=self._place)
 
 
-def _decision(world: World, state: State, action: Tensor, noise: Tensor | None) -> tuple[State, Transition]:
+def _all_cells(flags: Tensor) -> Tensor:
+    """Whether all cells (worlds, cells, 1) are flagged (worlds, 1); to count is faster than to ask."""
+    return flags.sum(dim=1, dtype=torch.int32) == flags.shape[1]
+
+
+def _decision(world: World, state: State, action: Tensor, noise: Tensor | None) -> tuple[State, Outcome]:
     """One decision of every cell; those that were done get no reward."""
     after, outcome = world.step(state, action, noise)
-    reward = torch.where(state.finished, 0.0, outcome.reward)
-    transition = Transition(
-        outcome.observation, reward, outcome.terminated, outcome.truncated, ~state.finished
-    )
-    return after, transition
+    return after, outcome._replace(reward=torch.where(state.finished, 0.0, outcome.reward))
 
 
 def compiled(function: Callable[..., Any], *first: Any) -> Callable[..., Any]:
@@ -346,6 +350,11 @@ def compiled(function: Callable[..., Any], *first: Any) -> Callable[..., Any]:
         return result
 
     return call
+
+
+def _part_by_part(array: Tensor) -> Tensor:
+    """(worlds, cells, ...) in memory as the world makes it, for which decisions are compiled."""
+    return array.movedim((0, 1), (-2, -1)).contiguous().movedim((-2, -1), (0, 1))
 
 
 def _where(mask: Tensor, new: Tensor, old: Tensor) -> Tensor:
