@@ -209,6 +209,9 @@ def test_curvatures_rise_evenly_or_are_an_error(values):
         ({"curvatures": (1.0, 2.0, 4.0)}, r"curvatures must be evenly spaced, got \(1\.0, 2\.0, 4\.0\)"),
         ({"curvatures": (3.0,)}, r"curvatures must be two or more numbers, got \(3\.0,\)"),
         ({"curvatures": 3.0}, r"curvatures must be two or more numbers, got 3\.0"),
+        ({"curvatures": (3.0, math.nan)}, "curvatures must be a finite number, got nan"),
+        ({"curvatures": (0.0, 3.0)}, r"curvatures must rise and be positive, got \(0\.0, 3\.0\)"),
+        ({"curvatures": (0.001, 0.002, 0.0030001)}, "curvatures must be evenly spaced, got"),
         ({"curvatures": "35"}, r"curvatures must be two or more numbers, got '35'"),
         ({"speeds": (1.0,)}, r"speeds must be two positive numbers, got \(1\.0,\)"),
         ({"speeds": (1.0, -1.0)}, r"speeds must be two positive numbers, got \(1\.0, -1\.0\)"),
@@ -250,16 +253,66 @@ def test_an_error_names_the_parameter_the_rule_and_the_value(parameters, message
 class Odd(RadialField):
     """A field whose further attributes are what a test says."""
 
+    max_gradient = 1.0
+
     def __init__(self, **options):
         super().__init__()
         for name, value in options.items():
             object.__setattr__(self, name, value)
 
 
+@pytest.mark.parametrize("option", ["speed_scale", "spin_scale", "max_speed", "max_spin", "max_shear"])
+def test_a_flow_with_wrong_attributes_is_an_error(option):
+    class Current:
+        speed_scale = spin_scale = max_speed = max_spin = max_shear = 0.1
+
+        def velocity(self, position):
+            return 0.1 + 0.0 * position
+
+        def spin(self, position):
+            return 0.0 * position[..., 0]
+
+    World(flow=Current())
+    setattr(Current, option, -1.0)
+    with pytest.raises(ValueError, match=rf"^flow\.{option} must be a finite number of at least 0, got -1"):
+        World(flow=Current())
+    setattr(Current, option, "fast")
+    with pytest.raises(
+        TypeError, match=rf"^flow\.{option} must be a finite number of at least 0, got 'fast'"
+    ):
+        World(flow=Current())
+
+
+def test_the_period_of_a_flow_is_a_positive_length():
+    class Odd(TaylorGreen):
+        period = 0.0
+
+    with pytest.raises(ValueError, match=r"flow\.period must be a finite number above 0, got 0"):
+        World(flow=Odd())
+
+
+def test_an_egg_without_a_position_lies_at_the_origin():
+    class Nest:
+        gradient_scale = 1.0
+        egg_radius = 0.5
+
+        def concentration(self, position):
+            return position[..., 1]
+
+    assert World(field=Nest()).egg == ((0.0, 0.0), 0.5)
+
+
+def test_parameters_of_a_world_are_kept_as_plain_numbers():
+    world = World(n_records=np.int64(4), life=np.float32(3), speed=1)
+    assert type(world.n_records) is int
+    assert type(world.life) is type(world.speed) is float
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"gradient_scale": 0.0}, "field.gradient_scale must be a finite number above 0, got 0"),
+        ({"gradient_scale": 0.0}, r"field\.gradient_scale must be a finite number above 0, got 0"),
+        ({"max_gradient": -1.0}, r"field\.max_gradient must be a finite number of at least 0, got -1"),
         ({"egg_radius": -1.0}, r"field\.egg_radius must be a finite number above 0, got -1"),
         ({"egg_position": (1.0,)}, r"field\.egg_position must be two finite numbers"),
         ({"inside": 3}, r"field\.inside must be a function of positions"),
@@ -273,7 +326,7 @@ def test_a_field_with_wrong_attributes_is_an_error(options, message):
 
 def test_replace_checks_again_and_suggests_parameters():
     assert World().replace(life=7).life == 7.0
-    with pytest.raises(ValueError, match="'lifes'; did you mean 'life'"):
+    with pytest.raises(ValueError, match=r"^parameter must be one of .*'lifes'; did you mean 'life'"):
         World().replace(lifes=7)
     with pytest.raises(ValueError, match="life must be a finite number above 0, got -1"):
         World().replace(life=-1)

@@ -106,9 +106,9 @@ FLOWS = [
 def test_in_a_flow_the_pose_is_within_tolerance_of_the_reference(xp, cells, flow):
     position, angle, curvature = cells
     heading = pose(np, position, angle).heading
-    for duration in (0.78, 0.38, 0.18, -0.38):
-        after = place_and_heading(swum(xp, cells, duration, flow=flow))
-        expected = reference(position, heading, curvature, 1.0, duration, flow)
+    for duration, speed in ((0.78, 1.0), (0.38, 1.0), (0.18, 1.0), (-0.38, 1.0), (0.38, 2.5), (2.5, 0.5)):
+        after = place_and_heading(swum(xp, cells, duration, flow=flow, speed=speed))
+        expected = reference(position, heading, curvature, speed, duration, flow)
         np.testing.assert_allclose(after, expected, rtol=0, atol=swimmer.TOLERANCE, err_msg=f"{duration=}")
 
 
@@ -196,7 +196,7 @@ def test_the_centre_of_curvature_stays_while_the_curvature_does(xp, cells):
 
 
 @pytest.mark.parametrize("length", [0.0, 0.1, 0.38, 1.0, 3.0])
-@pytest.mark.parametrize("curvature", [3.0, 5.0, -4.0, 0.05, 1e-6, 0.0])
+@pytest.mark.parametrize("curvature", [3.0, 5.0, -4.0, 0.05, 1e-6, 1e-12, 0.0])
 def test_the_closest_approach_is_that_of_a_densely_sampled_arc(xp, curvature, length):
     rng = np.random.default_rng(3)
     cells = 60

@@ -149,6 +149,7 @@ def test_float32_stays_float32(xp, world):
     for part in (outcomes[-1].reward, outcomes[-1].gain, outcomes[-1].observation):
         assert part.dtype == xp.float32
     assert states[-1].clock.dtype == xp.int32
+    assert world.time(states[-1]).dtype == xp.float32
 
 
 @pytest.mark.parametrize(
@@ -361,7 +362,10 @@ def test_without_a_known_bound_the_observation_may_be_any_float32():
         World(field="radial", flow="taylor_green", start_box=((-2, 2), (-2, 2))),
         World(field=GaussianPlume(egg_position=(1.0, -1.0), egg_radius=0.3), start_box=((0, 2), (-2, 0))),
         World(
-            field=DiffusingSource(egg_radius=0.5), flow="vortex", start_box=((-2, 2), (-2, 2)), n_records=2
+            field=DiffusingSource(egg_radius=0.5, egg_position=(1.0, -1.0)),
+            flow="vortex",
+            start_box=((-1, 3), (-3, 1)),
+            n_records=2,
         ),
     ],
     ids=describe,
@@ -394,8 +398,9 @@ def test_a_cell_has_arrived_when_its_path_not_only_its_end_comes_within_reach(xp
     assert passed_by > 0
 
 
-def test_cells_that_have_arrived_stay_where_they_are(xp):
-    world = World(field="radial", start_box=((-2, 2), (-2, 2)))
+@pytest.mark.parametrize("options", [{}, {"varying_speed": True, "interval_rule": "exact"}], ids=str)
+def test_cells_that_have_arrived_stay_where_they_are(xp, options):
+    world = World(field="radial", start_box=((-2, 2), (-2, 2)), **options)
     states, outcomes = live(xp, world, 60, 12)
     for before, after, outcome in zip(states[:-1], states[1:], outcomes, strict=True):
         done = to_numpy(before.finished)
@@ -471,9 +476,10 @@ def test_a_cells_life_is_the_same_in_a_population_of_1_40_and_10_000(world, dtyp
             assert equal(part, [values[rows] for values in of_all])
 
 
+@pytest.mark.parametrize("rule", ["truncated", "exact"])
 @pytest.mark.parametrize("flow", ["still", "taylor_green"])
-def test_leading_axes_are_many_worlds(xp, flow):
-    world = World(flow=flow, sense_flow=flow != "still", varying_speed=True)
+def test_leading_axes_are_many_worlds(xp, flow, rule):
+    world = World(flow=flow, sense_flow=flow != "still", varying_speed=True, interval_rule=rule)
     position, heading, past = draw_starts(world, 12, 0)
     action = actions(world, 3, 12)
 
@@ -578,13 +584,32 @@ def test_concentration_noise_is_in_the_record_and_not_in_the_gain():
     )
 
 
-def test_curvature_noise_spreads_the_turn_but_is_not_seen():
-    loud = World(curvature_noise=0.4)
+@pytest.mark.parametrize("options", [{}, {"varying_speed": True, "interval_rule": "exact"}], ids=str)
+def test_curvature_noise_spreads_the_turn_but_is_not_seen(options):
+    loud = World(curvature_noise=0.4, **options)
     _, after, _ = one_step(loud)
-    turn = loud.heading_angle(after)
-    assert turn.mean() == pytest.approx(5 * 0.38, abs=4 * 0.4 * 0.38 / CROWD**0.5)
-    assert turn.std() == pytest.approx(0.4 * 0.38, rel=0.03)
+    turn, path = loud.heading_angle(after), loud.action_speeds[1] * loud.intervals[1]
+    noise = draw_noise(0, CROWD, 1)[:, 0, 1]
+    np.testing.assert_allclose(turn, (5 + 0.4 * noise) * path, rtol=0, atol=1e-12)
+    assert turn.std() == pytest.approx(0.4 * path, rel=0.03)
     np.testing.assert_array_equal(after.memory[:, 0, 1], 1.0)
+
+
+def test_with_curvature_noise_arrival_is_tested_on_the_arc_that_was_swum():
+    world = World(field="radial", curvature_noise=0.9, n_records=2, start_box=((-2, 2), (-2, 2)))
+    starts, noise = draw_starts(world, 400, 0), draw_noise(0, 400, 1)[:, 0]
+    action = actions(world, 1, 400)[0]
+    state = world.start(*starts)
+    after, outcome = world.step(state, action, noise)
+    curvature = np.asarray(world.curvatures)[action] + 0.9 * noise[:, 1]
+    path = reference(
+        state.position, state.heading, curvature, 1.0, world.intervals[0], parts=np.linspace(0, 1, 400)
+    )
+    nearest = np.linalg.norm(path[..., :2], axis=-1).min(axis=0)
+    np.testing.assert_allclose(path[-1, :, :2], after.position, rtol=0, atol=1e-11)
+    clear = np.abs(nearest - 1) > 1e-4
+    np.testing.assert_array_equal(outcome.terminated[clear], (nearest <= 1)[clear])
+    assert 0 < outcome.terminated.sum() < 400
 
 
 def test_rotational_diffusion_turns_headings_by_the_square_root_of_2_d_t():
