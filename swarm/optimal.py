@@ -152,7 +152,7 @@ def ship(folder: Path = optimal_files.SHIPPED) -> list[Path]:
     for kind, grids in ((VortexLimit, GRIDS), (VortexTables, (POLICY_GRID,))):
         key = optimal_files.key_of(kind, problem, grids)
         path = folder / optimal_files.file_name(key)
-        with optimal_files._progress(f"Optimal {key['kind']} in the Taylor–Green flow") as progress:
+        with optimal_files.shown_progress(f"Optimal {key['kind']} in the Taylor–Green flow") as progress:
             tensors = kind.compute(problem, grids, progress).tensors
         optimal_files.write(path, key, tensors)
         written.append(path)

@@ -71,7 +71,7 @@ def tables(kind: Any, problem: Problem, grids: tuple[tuple[int, int], ...]) -> A
                 return kind(problem, grids, read(path, key, kind.shapes(problem, grids)))
         except (OSError, ValueError) as error:
             _say(f"{path} is not used, its tables are computed anew: {error}")
-    with _progress(f"Optimal {key['kind']} in the Taylor–Green flow") as progress:
+    with shown_progress(f"Optimal {key['kind']} in the Taylor–Green flow") as progress:
         computed = kind.compute(problem, grids, progress)
     path = cache_folder() / file_name(key)
     try:
@@ -147,10 +147,10 @@ def _say(line: str) -> None:
 
 
 @contextmanager
-def _progress(title: str) -> Iterator[Any]:
+def shown_progress(title: str) -> Iterator[Any]:
     """A bar on a terminal, else one line."""
     if not sys.stderr.isatty():
-        _say(f"{title}: computing it once, it is kept in {cache_folder()}")
+        _say(f"{title}: computing it once, which may take a minute or two")
         yield None
         return
     from rich.console import Console
