@@ -7,6 +7,8 @@ Exits with 0 where every run that was killed, perhaps several times, ends bit fo
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import os
 import random
 import signal
@@ -16,13 +18,13 @@ import time
 import traceback
 from pathlib import Path
 
-import matplotlib.figure  # noqa: F401  (imported once here, not in every child)
 import torch
 from short_runs import NOISE, assert_equal_runs, short_settings
 
 from swarm import provenance
 from trainers import launching, machine, runs, training  # noqa: F401
 
+os.environ["PYTHONWARNINGS"] = "ignore"  # of the process that cleans up after killed ones
 SETTINGS = short_settings(
     n_seeds=2,
     checkpoint_every=1,
@@ -70,6 +72,12 @@ def run_to_end(folder):
     return time.monotonic() - started
 
 
+def warm_up(folder):
+    """Imports and computes here once what every child would."""
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
+        launching.begin(dataclasses.replace(SETTINGS, learning=short_settings().learning), folder)
+
+
 def killed_run(folder, longest, moments, most):
     """Kills a run up to `most` times, then lets it end; returns the number of kills."""
     for kills in range(most):
@@ -89,6 +97,7 @@ def main(wanted, parent, seed):
     torch.set_num_threads(1)
     provenance.commit()  # once: files may be edited meanwhile
     moments = random.Random(seed)
+    warm_up(parent / "warm")
     seconds = run_to_end(parent / "whole")
     whole, kills, count = runs.RunFolder(parent / "whole"), 0, 0
     while kills < wanted:
