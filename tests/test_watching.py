@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import imageio.v2 as imageio
+import numpy as np
 import pytest
 
-from swarm.strategies import Greedy
+from swarm.population import population_test
+from swarm.strategies import Greedy, Random
 from swarm.world import World
 from trainers.watching import FRAMES, check_target, states, watch
 
@@ -28,6 +30,14 @@ def test_a_life_is_followed_to_its_end_with_noise():
     seen = list(states(world, Greedy(), 3, 0))
     assert len(seen) == world.max_decisions + 1
     assert seen[-1].finished.all()
+
+
+def test_a_watched_life_is_the_tested_one():
+    world = World(life=30.0, concentration_noise=0.1, curvature_noise=0.1)
+    last = list(states(world, Random(), 5, 3))[-1]
+    gain = world.field.concentration(last.position) - last.start_concentration
+    tested = population_test(world, {"random": Random()}, cells=5, life=30.0, seed=3, record=False)
+    np.testing.assert_array_equal(gain, tested["gain"].sel(policy="random"))
 
 
 def test_other_endings_are_refused(tmp_path):

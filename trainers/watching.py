@@ -35,16 +35,15 @@ def check_target(out: Path | None) -> None:
 
 
 def states(world: World, policy: Any, cells: int, seed: int) -> Iterator[State]:
-    """One population's life, decision by decision, from the test streams."""
+    """One population's life, decision by decision, with the random numbers of `population_test`."""
     state = world.start(*draw_starts(world, cells, seed))
     yield state
-    chance = generator("test", "policy", seed)
-    noise = None
     for decision in range(world.max_decisions):
         block, place = divmod(decision, NOISE_BLOCK)
-        if world.has_noise and place == 0:
-            noise = draw_noise(seed, cells, NOISE_BLOCK, block=block)
-        action = policy.act(world, state, chance.random(cells))
+        if place == 0:
+            uniform = generator("test", "policy", seed, 0, block).random((cells, NOISE_BLOCK))
+            noise = draw_noise(seed, cells, NOISE_BLOCK, block=block) if world.has_noise else None
+        action = policy.act(world, state, uniform[:, place])
         state, _ = world.step(state, action, None if noise is None else noise[:, place])
         yield state
         if state.finished.all():
