@@ -6,6 +6,7 @@ and goes on with what is not.
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Sequence
 from datetime import datetime
@@ -26,6 +27,7 @@ from trainers.composing import (
     settings_from_stored,
 )
 from trainers.machine import check_machine
+from trainers.settings import Settings
 
 SWEEP_FOLDER = "hydra.sweep.dir="
 LAUNCHER = "hydra/launcher="
@@ -38,8 +40,9 @@ def sweep(words: Sequence[str]) -> None:
     plain = [word for word in words if not word.startswith(("hydra.", "hydra/"))]
     try:
         combinations = expanded(plain)
-        for combination in combinations:
-            check_machine(settings_from(combination))
+        wanted = [settings_from(combination) for combination in combinations]
+        for settings in wanted:
+            check_machine(settings)
     except SettingsError as error:
         fail(error)
     folder = next((word.removeprefix(SWEEP_FOLDER) for word in words if word.startswith(SWEEP_FOLDER)), None)
@@ -52,19 +55,48 @@ def sweep(words: Sequence[str]) -> None:
             words.append(JOBS + "2")
     # the folder of a run holds only what the run writes; its name says what is swept
     words += ["hydra.output_subdir=null", "hydra.sweep.subdir=${hydra.job.override_dirname}"]
-    values = [dict(word.split("=", 1) for word in combination) for combination in combinations]
-    fixed = [key for key in values[0] if len({each[key] for each in values}) == 1]
+    fixed, names = named(combinations)
+    parent = Path(folder)
+    for name, settings in zip(names, wanted, strict=True):
+        if other := differing(parent / name, settings):
+            fail(f"{parent / name} holds a run with another {other}: choose another {SWEEP_FOLDER}DIR")
     words.append(f"hydra.job.config.override_dirname.exclude_keys=[{','.join(fixed)}]")
     words += ["hydra/job_logging=disabled", "hydra/hydra_logging=disabled"]
     print(f"{len(combinations)} runs in {folder}")
     trouble = _launch(words)
-    done = sum(finished(path) for path in Path(folder).iterdir()) if Path(folder).is_dir() else 0
+    done = sum(finished(parent / name) for name in names)
     if done < len(combinations):
         fail(
             f"{len(combinations) - done} of {len(combinations)} runs did not finish{trouble}; "
             f"the same command with {SWEEP_FOLDER}{folder} goes on with them"
         )
     print(f"all {len(combinations)} runs are in {folder}; swarm compare {folder}/* shows them side by side")
+
+
+def named(combinations: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
+    """Keys that are the same in all combinations, and the folder's name of each, by what is not."""
+    values = [dict(word.split("=", 1) for word in combination) for combination in combinations]
+    fixed = [key for key in values[0] if len({each[key] for each in values}) == 1 < len(values)]
+    # as Hydra writes them
+    names = [
+        ",".join(sorted(word for word in combination if word.split("=", 1)[0] not in fixed))
+        for combination in combinations
+    ]
+    return fixed, names
+
+
+def differing(path: Path, settings: Settings) -> str | None:
+    """The settings in which a run that is there differs from these; None where it does not."""
+    from trainers import runs
+
+    if not runs.is_run_folder(path):
+        return None
+    try:
+        stored = settings_from_stored(runs.RunFolder.open(path)[1])
+    except (runs.RunError, SettingsError, OSError) as error:
+        return f"version's settings ({error})"
+    keys = [item.name for item in dataclasses.fields(settings)]
+    return ", ".join(key for key in keys if getattr(stored, key) != getattr(settings, key)) or None
 
 
 def finished(path: Path) -> bool:
@@ -94,7 +126,11 @@ def _launch(words: list[str]) -> str:
     sys.argv = ["swarm", "--multirun", *words]
     try:
         command()
-    except (Exception, SystemExit) as error:  # a worker that is killed takes the whole launcher with it
+    except (
+        Exception,
+        SystemExit,
+        KeyboardInterrupt,
+    ) as error:  # a worker that is killed takes the whole launcher with it
         return f" ({type(error).__name__})"
     finally:
         sys.argv = before
@@ -123,5 +159,7 @@ def run_one(config: Any) -> None:
         training.train(prepared, run)
         training.draw(prepared, run)
         run.mark_finished()
+    except training.Interrupted:  # of the sweep, not only of this run
+        raise KeyboardInterrupt from None
     except (SettingsError, runs.RunError, OSError) as error:
         print(f"swarm: {folder.name}: {error}", file=sys.stderr)
