@@ -59,6 +59,15 @@ def join(*parts: Array) -> Array:
     return xp.concat([part[..., None] for part in parts], axis=-1)
 
 
+def look_up(table: Array, index: Array) -> Array:
+    """`table[..., index]` for whole-number arrays of any shape."""
+    xp = namespace(table)
+    if index.ndim == 1:
+        return xp.take(table, index, axis=-1)
+    taken = xp.take(table, xp.reshape(index, (-1,)), axis=-1)
+    return xp.reshape(taken, (*table.shape[:-1], *index.shape))
+
+
 def at_least(numbers: Array, bound: int) -> Array:
     """Whether int32 numbers reach a bound.
 

@@ -32,8 +32,8 @@ SHORT = {
 }
 # Modules of `swarm` that nobody needs to call; all others are on the API page.
 INTERNAL = re.compile(
-    "arena|arrays|checks|drawing|files|grids|optimal_.*|panel|picture|pieces|policy_files|provenance|scene"
-    "|splines|window"
+    "arena|arrays|checks|drawing|files|grids|optimal_.*|panel|parameter_checks|picture|pieces|policy_files"
+    "|provenance|scene|splines|window"
 )
 
 

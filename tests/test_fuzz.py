@@ -10,6 +10,7 @@ import xarray as xr
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
+from swarm import intervals
 from swarm.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
 from swarm.flows import (
     FunctionFlow,
@@ -133,7 +134,7 @@ def check_life(world, cells, dtype, seed, decisions):
         # clocks: monotone, by whole intervals until the last, which ends at the life exactly
         assert np.all(time >= time_before)
         assert np.all(time <= dtype(world.life))
-        up = world._time_is_up(state.clock)
+        up = intervals.time_is_up(world, state.clock)
         assert np.all(time[up] == dtype(world.life))
         whole = np.asarray(world.intervals)[action]
         on_the_way = alive & ~up
