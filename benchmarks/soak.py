@@ -21,7 +21,7 @@ import torch
 import swarm
 from benchmarks.timing import resident_bytes
 from swarm import files
-from trainers import checkpoints
+from trainers import checkpoints, snapshots
 from trainers.composing import settings_from
 from trainers.training import Training
 
@@ -58,7 +58,8 @@ def soak(minutes: float, out: Path, every: float = 10.0) -> bool:
         while monotonic() - begun < 60 * minutes:
             speeds = measure(training, env, every)
             number = len(rows) + 1
-            checkpoints.write(Path(folder), number, training.tensors(), training.record(), stored)
+            held = snapshots.tensors_of(training), snapshots.record_of(training)
+            checkpoints.write(Path(folder), number, *held, stored)
             handles = len(list(Path("/proc/self/fd").iterdir()))
             rows.append(((monotonic() - begun) / 60, resident_bytes() / 2**20, handles, *speeds, number))
     with files.replacing(out / "soak.csv") as path, path.open("w", newline="") as file:

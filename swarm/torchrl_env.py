@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import sys
 import types
@@ -17,12 +16,12 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from swarm import streams
+from swarm.arena import make_world
 from swarm.checks import check_count, check_name
-from swarm.starts import draw_noise, draw_starts
+from swarm.starts import NOISE_BLOCK, draw_noise, draw_starts
 from swarm.world import Outcome, State, World
 
 GROUP = "swimmers"
-NOISE_BLOCK = 64  # decisions whose noise is drawn at once
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
 
@@ -66,17 +65,10 @@ class SwarmEnv(EnvBase):
         world: World | None = None,
         **parameters: Any,
     ) -> None:
-        known = [item.name for item in dataclasses.fields(World)]
-        for name in parameters:
-            check_name("parameter", name, known)
-        if world is not None and parameters:
-            raise TypeError(
-                f"world must be given alone or by its parameters, got both world and {sorted(parameters)}"
-            )
         self.n_worlds = check_count("n_worlds", n_worlds)
         self.n_swimmers = check_count("n_swimmers", n_swimmers)
         self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
-        self.world = World(**parameters) if world is None else world
+        self.world = make_world(world, parameters)
         self.float_dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
         self.population = population
         wrap = compiled if compile_step else functools.partial

@@ -22,7 +22,7 @@ import torch
 from short_runs import NOISE, assert_equal_runs, short_settings
 
 from swarm import provenance
-from trainers import launching, machine, runs, training  # noqa: F401
+from trainers import launching, running, runs  # noqa: F401
 
 os.environ["PYTHONWARNINGS"] = "ignore"  # of the process that cleans up after killed ones
 SETTINGS = short_settings(

@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from safetensors.torch import load_file
 
-from trainers import runs, training
+from trainers import running, runs, training
 from trainers.settings import LearningSettings, Settings, ValidationSettings, WorldSettings
 
 NOISE = {"concentration_noise": 0.05, "curvature_noise": 0.05, "rotational_diffusion": 0.01}
@@ -56,7 +56,7 @@ def start(folder, settings):
 def go_on(run, settings, report=None):
     """Train, as the commands do, from wherever the run is; returns the training."""
     made = training.Training(settings)
-    training.train(made, run, report=report)
+    running.train(made, run, report=report)
     return made
 
 

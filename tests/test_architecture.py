@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
+import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -82,6 +85,21 @@ def test_imports_run_one_way(path):
         if FLOOR.get(name, HIGHEST if (ROOT / f"swarm/{name}.py").exists() else -1) > floor
     }
     assert not above, f"swarm/{path.name} imports {above}, which come after it"
+
+
+def test_every_package_that_is_imported_is_declared():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = project["dependencies"] + [
+        name for extra in project["optional-dependencies"].values() for name in extra
+    ]
+    declared = {re.match(r"[\w-]+", line)[0].lower() for line in wanted}
+    known = packages_distributions()
+    for path in [*SWARM, *(ROOT / "trainers").glob("*.py")]:
+        for name in {name.split(".")[0] for name in imports_of(path, at_import=False)}:
+            if name in sys.stdlib_module_names or name in ("swarm", "trainers"):
+                continue
+            names = {distribution.lower() for distribution in known.get(name, [name])}
+            assert names & declared, f"{path.name} imports {name}, which pyproject.toml does not ask for"
 
 
 def loaded_by(statement):

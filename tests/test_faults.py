@@ -20,7 +20,7 @@ import typer
 from short_runs import assert_equal_runs, short_settings, start, whole
 
 from swarm.torchrl_env import SwarmEnv
-from trainers import checkpoints, dqn, launching, runs, training
+from trainers import checkpoints, dqn, launching, running, runs
 from trainers.composing import SettingsError
 from trainers.settings import check_settings
 
@@ -31,7 +31,7 @@ SETTINGS = short_settings(world={"concentration_noise": 0.05}, learning={"epochs
 def quick_and_alone(monkeypatch, tmp_path):
     """No waiting for the disk, no figures."""
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)
-    monkeypatch.setattr(training, "draw", lambda made, run: None)
+    monkeypatch.setattr(running, "draw", lambda made, run: None)
     monkeypatch.chdir(tmp_path)
 
 
@@ -63,7 +63,7 @@ def message(capsys, command, *arguments):
 def after(monkeypatch, epoch, fault):
     """Lets `fault(run)` happen once, when that epoch is over and what is due is saved."""
     happened = []
-    original = training._epoch
+    original = running._epoch
 
     def wrapped(made, run, log):
         if made.epoch == epoch and not happened:
@@ -71,7 +71,7 @@ def after(monkeypatch, epoch, fault):
             fault(run)
         return original(made, run, log)
 
-    monkeypatch.setattr(training, "_epoch", wrapped)
+    monkeypatch.setattr(running, "_epoch", wrapped)
 
 
 def broken_after(monkeypatch, epoch):

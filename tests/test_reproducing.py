@@ -206,8 +206,8 @@ def test_a_finished_reproduction_trains_nothing_and_says_the_same(done, tmp_path
 
 
 def test_a_training_that_was_stopped_goes_on_to_the_same_policies(done, tmp_path, sparing):
-    from trainers import training
-    from trainers.launching import prepare
+    from trainers import running
+    from trainers.machine import prepare
 
     (planned,) = trainings(SMALL, tmp_path)
     prepared = prepare(planned.settings)
@@ -218,7 +218,7 @@ def test_a_training_that_was_stopped_goes_on_to_the_same_policies(done, tmp_path
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        training.train(prepared, run, report=stop)
+        running.train(prepared, run, report=stop)
     assert list(planned.folder.glob("checkpoints/epoch_*"))
     reproduce(SMALL, tmp_path)
     for seed in (0, 1):

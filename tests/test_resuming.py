@@ -11,7 +11,7 @@ import pytest
 from short_runs import NOISE, Crash, assert_equal_runs, go_on, short_settings, start, whole
 
 from swarm import files
-from trainers import checkpoints, training
+from trainers import checkpoints, running
 from trainers.collecting import Explorer
 from trainers.dqn import Learner
 from trainers.runs import RunFolder
@@ -29,13 +29,13 @@ SETTINGS = {
     ),
 }
 PHASES = {
-    "preparing": [(training, "_go_on")],
+    "preparing": [(running, "_go_on")],
     "collecting": [(Explorer, "collect")],
     "updating": [(Learner, "learn")],
     "validating": [(Validation, "gains")],
     "writing tables": [(RunFolder, "append"), (RunFolder, "rewrite")],
     "writing checkpoints": [(checkpoints, "write"), (files, "_flush"), (os, "replace")],
-    "keeping policies": [(training, "save_policy")],
+    "keeping policies": [(running, "save_policy")],
 }
 
 # Every phase with some settings, and all settings in the phases where they differ.

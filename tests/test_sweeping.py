@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 import typer
 
-from trainers import runs, sweeping, training
+from trainers import running, runs, sweeping
 from trainers.composing import SettingsError
+from trainers.training import TrainingError
 
 WORDS = [
     "learning.epochs=2",
@@ -34,7 +35,7 @@ SERIAL = "hydra/launcher=basic"
 def elsewhere(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)
-    monkeypatch.setattr(training, "draw", lambda made, run: None)
+    monkeypatch.setattr(running, "draw", lambda made, run: None)
 
 
 def content():
@@ -79,9 +80,9 @@ def test_what_is_finished_is_not_run_again_and_what_is_missing_is(monkeypatch):
     sweeping.sweep(["seed=0,1", SERIAL, *WORDS])
     before = content()
     trained = []
-    original = training.train
+    original = running.train
     monkeypatch.setattr(
-        training, "train", lambda made, run: trained.append(made.seeds) or original(made, run)
+        running, "train", lambda made, run, report: trained.append(made.seeds) or original(made, run)
     )
     sweeping.sweep(["seed=0,1,2", SERIAL, *WORDS])
     assert trained == [[2]]
@@ -89,15 +90,15 @@ def test_what_is_finished_is_not_run_again_and_what_is_missing_is(monkeypatch):
 
 
 def test_a_run_that_fails_does_not_stop_the_others(monkeypatch, capsys):
-    original = training.train
+    original = running.train
 
-    def train(made, run):
+    def train(made, run, report):
         if made.seeds == [1]:
-            raise training.TrainingError("loss must be finite")
+            raise TrainingError("loss must be finite")
         original(made, run)
 
     with monkeypatch.context() as patch:
-        patch.setattr(training, "train", train)
+        patch.setattr(running, "train", train)
         said = fails(capsys, ["seed=0,1,2", SERIAL, *WORDS])
     assert "1 of 3 runs did not finish" in said
     assert "the same command with hydra.sweep.dir=sweep goes on with them" in said
@@ -110,14 +111,14 @@ def test_ctrl_c_stops_the_whole_sweep_which_goes_on_to_the_same_end(monkeypatch,
     sweeping.sweep(["seed=0,1", SERIAL, *WORDS])
     expected = content()
     Path("sweep").rename("expected")
-    original = training._epoch
+    original = running._epoch
 
     def epoch(made, run, log):
         signal.raise_signal(signal.SIGINT)
         return original(made, run, log)
 
     with monkeypatch.context() as patch:
-        patch.setattr(training, "_epoch", epoch)
+        patch.setattr(running, "_epoch", epoch)
         assert "2 of 2 runs did not finish (KeyboardInterrupt)" in fails(capsys, ["seed=0,1", SERIAL, *WORDS])
     assert [path.name for path in Path("sweep").glob("seed=*")] == ["seed=0"]
     sweeping.sweep(["seed=0,1", SERIAL, *WORDS])

@@ -13,7 +13,8 @@ from torchrl.envs import PettingZooWrapper, check_env_specs
 from torchrl.modules import RandomPolicy
 
 from swarm import World, parallel_env
-from swarm.torchrl_env import NOISE_BLOCK, SwarmEnv
+from swarm.starts import NOISE_BLOCK
+from swarm.torchrl_env import SwarmEnv
 
 GROUP = "swimmers"
 NOISE = {"concentration_noise": 0.1, "curvature_noise": 0.1, "rotational_diffusion": 0.01}
@@ -307,7 +308,7 @@ def test_a_world_may_be_given_whole():
     given = SwarmEnv(2, n_swimmers=3, world=world)
     assert given.world is world
     assert torch.equal(given.reset()[GROUP, "observation"], by_parts.reset()[GROUP, "observation"])
-    with pytest.raises(TypeError, match=r"world must be given alone or by its parameters, got .*life"):
+    with pytest.raises(TypeError, match=r"world must be given alone, got .*life"):
         SwarmEnv(2, world=world, life=6.0)
 
 

@@ -11,7 +11,7 @@ import yaml
 from short_runs import go_on, kept, short_settings, start, whole
 
 from swarm import LinearField, RadialField, TaylorGreen, World, load_policy
-from trainers import composing, runs, training
+from trainers import composing, running, runs
 from trainers.settings import EvaluationSettings, LearningSettings, Settings
 from trainers.training import MEASURES, Training, epsilon_at, learning_rate_at
 
@@ -257,5 +257,5 @@ def test_tables_have_a_row_for_each_epoch_and_seed(tmp_path):
 def test_the_training_figure_is_drawn(tmp_path):
     settings = short_settings(learning={"epochs": 2})
     run = start(tmp_path / "run", settings)
-    training.draw(go_on(run, settings), run)
+    running.draw(go_on(run, settings), run)
     assert (run.path / runs.FIGURE).read_bytes().startswith(b"\x89PNG")

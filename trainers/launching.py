@@ -13,6 +13,7 @@ from typing import Any
 from swarm.checks import check_count
 from trainers.cli import fail
 from trainers.composing import SettingsError, settings_from, settings_from_stored
+from trainers.machine import prepare
 from trainers.settings import Settings
 
 RUN_FOLDER = "hydra.run.dir="
@@ -90,30 +91,15 @@ def resume(path: Path) -> None:
     carry_on(prepared, run)
 
 
-def prepare(settings: Settings) -> Any:
-    """A training that is ready to begin; raises SettingsError where settings or machine do not do."""
-    from trainers.machine import check_machine
-
-    check_machine(settings)
-    from trainers.training import Training
-
-    try:
-        return Training(settings)
-    except (TypeError, ValueError, MemoryError) as error:
-        raise SettingsError(str(error) or "there is not enough memory for these settings") from None
-
-
 def carry_on(prepared: Any, run: Any) -> None:
     """Train to the end, draw the training figure, and test the kept policy where that is wanted."""
-    from trainers import runs, training
+    from trainers import running, runs
 
     settings = prepared.settings
     how = f"to go on: swarm train resume={run.path}"
     started = time.perf_counter()
     try:
-        training.train(prepared, run, report=progress_line(settings))
-        training.draw(prepared, run)
-        run.mark_finished()
+        running.complete(prepared, run, report=progress_line(settings))
     except runs.RunError as error:
         fail(error)
     except OSError as error:

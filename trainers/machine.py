@@ -6,9 +6,13 @@ import importlib.util
 import itertools
 import os
 import re
+from typing import TYPE_CHECKING
 
 from trainers.composing import SettingsError
 from trainers.settings import Settings
+
+if TYPE_CHECKING:
+    from trainers.training import Training
 
 
 def check_machine(settings: Settings) -> None:
@@ -31,6 +35,17 @@ def check_machine(settings: Settings) -> None:
         )
     if settings.device != "cpu":
         _check_device(settings.device)
+
+
+def prepare(settings: Settings) -> Training:
+    """A training that is ready to begin; raises SettingsError where settings or machine do not do."""
+    check_machine(settings)
+    from trainers.training import Training  # imports torch, which may not be there
+
+    try:
+        return Training(settings)
+    except (TypeError, ValueError, MemoryError) as error:
+        raise SettingsError(str(error) or "there is not enough memory for these settings") from None
 
 
 def memory_needed(settings: Settings) -> int:

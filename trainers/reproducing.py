@@ -81,18 +81,9 @@ def train_all(plan: Plan, planned: Iterable[Training]) -> None:
 
 def train_one(settings: Settings, folder: Path) -> None:
     """One run, from its newest checkpoint if it was begun; then its checkpoints are no longer needed."""
-    from trainers import training
-    from trainers.launching import prepare
+    from trainers import running
 
-    if runs.is_run_folder(folder):
-        run, stored = RunFolder.open(folder)
-        prepared = prepare(settings_from_stored(stored))
-    else:
-        prepared = prepare(settings)
-        run = RunFolder.create(folder, settings)
-    training.train(prepared, run)
-    training.draw(prepared, run)
-    run.mark_finished()
+    running.train_in(folder, settings)
     shutil.rmtree(folder / runs.CHECKPOINTS, ignore_errors=True)
 
 

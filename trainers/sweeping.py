@@ -143,23 +143,12 @@ def run_one(config: Any) -> None:
     """
     from hydra.core.hydra_config import HydraConfig
 
-    from trainers import runs, training
-    from trainers.launching import prepare
+    from trainers import running, runs
 
     folder = Path(HydraConfig.get().runtime.output_dir)
     try:
-        if runs.is_run_folder(folder):
-            run, stored = runs.RunFolder.open(folder)
-            if run.finished:
-                return
-            prepared = prepare(settings_from_stored(stored))
-        else:
-            prepared = prepare(as_settings(config))
-            run = runs.RunFolder.create(folder, prepared.settings)
-        training.train(prepared, run)
-        training.draw(prepared, run)
-        run.mark_finished()
-    except training.Interrupted:  # of the sweep, not only of this run
+        running.train_in(folder, as_settings(config))
+    except running.Interrupted:  # of the sweep, not only of this run
         raise KeyboardInterrupt from None
     except (SettingsError, runs.RunError, OSError) as error:
         print(f"swarm: {folder.name}: {error}", file=sys.stderr)

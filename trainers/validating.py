@@ -7,9 +7,8 @@ import torch
 from torch import Tensor
 
 from swarm.optimal import limit
-from swarm.starts import Starts, draw_noise, draw_starts
+from swarm.starts import NOISE_BLOCK, Starts, draw_noise, draw_starts
 from swarm.strategies import Greedy, Policy
-from swarm.torchrl_env import NOISE_BLOCK
 from swarm.world import World
 from trainers.q_network import QNetwork
 
