@@ -58,6 +58,11 @@ def named_policy(name: str | os.PathLike, world: World) -> Policy:
     return network
 
 
+def called(policy: str | os.PathLike | Policy) -> str:
+    """What a policy is called in summaries: as it was named, or by its type."""
+    return os.fspath(policy) if isinstance(policy, str | os.PathLike) else type(policy).__name__.lower()
+
+
 def evaluate(
     policy: str | os.PathLike | Policy,
     world: World,
@@ -79,15 +84,13 @@ def evaluate(
     if out is not None:
         files.check_new_folder(out)
     world = world.replace(life=life)
-    called = name or (
-        os.fspath(policy) if isinstance(policy, str | os.PathLike) else type(policy).__name__.lower()
-    )
     player = named_policy(policy, world) if isinstance(policy, str | os.PathLike) else policy
-    label = called if called in STRATEGIES else LEARNT
+    known = name or called(policy)
+    label = known if known in STRATEGIES else LEARNT
     policies = {label: player, RIVAL: Greedy(), "swinging": Swinging()}
     results = population_test(world, policies, cells=cells, life=life, seed=seed)
     numbers = statistics(results)
-    summary = summarise(results, numbers, label, policy=called, experiment=experiment)
+    summary = summarise(results, numbers, label, policy=known, experiment=experiment)
     if out is not None:
         with files.new_folder(out) as folder:
             save_population(results, folder / "population.nc")

@@ -36,7 +36,7 @@ from swarm.drawing import (
 from swarm.fields import LinearField
 from swarm.lives import comparison, path_of
 from swarm.results import RIVAL
-from swarm.statistics import mean_intervals, statistics
+from swarm.statistics import statistics
 from swarm.world import World
 
 if TYPE_CHECKING:
@@ -297,26 +297,31 @@ def noise_sweep(
     label: str,
     policies: Sequence[str] | None = None,
 ) -> Figure:
-    """Mean gain and its 95% interval against the strength of a perturbation, one test per level."""
+    """Mean gain, with its 95% bootstrap interval, against a perturbation's strength, a test per level."""
     if len(levels) != len(results) or not len(levels):
         raise ValueError(f"levels must be one for each of the results, got {len(levels)} and {len(results)}")
     figure = Figure(figsize=(0.62 * WIDTH, 0.42 * WIDTH), layout="constrained")
     axes = figure.add_subplot()
+    numbers = [statistics(one) for one in results]
     for name in chosen_policies(results[0], policies):
-        samples = [one["gain"].sel(policy=name).values for one in results]
-        style, means = look(name), [float(np.mean(sample)) for sample in samples]
-        axes.plot(
+        style, means = look(name), np.array([each[name]["mean"] for each in numbers])
+        band = np.transpose(
+            [each[name]["ci95"] or (mean, mean) for each, mean in zip(numbers, means, strict=True)]
+        )
+        axes.errorbar(
             levels,
             means,
+            yerr=np.abs(band - means),
+            capsize=3,
             color=style.colour,
             linestyle=style.line,
             marker=style.marker,
-            markersize=4,
+            markersize=3,
             label=style.label,
         )
-        band = [mean_intervals(sample) or (mean, mean) for sample, mean in zip(samples, means, strict=True)]
-        axes.fill_between(levels, *np.transpose(band), color=style.colour, alpha=0.2, linewidth=0)
+        axes.fill_between(levels, *band, color=style.colour, alpha=0.2, linewidth=0)
     axes.set(xlabel=label, ylabel=r"mean gain $\Delta c$")
+    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     axes.legend(loc="best")
     return figure
 

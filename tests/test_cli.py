@@ -18,6 +18,7 @@ from short_runs import short_settings, start, whole
 from typer.testing import CliRunner
 
 from swarm import Network, files, load_policy, save_policy
+from swarm.results import load_population, world_of
 from trainers import launching, runs
 from trainers.cli import app
 
@@ -164,6 +165,17 @@ def test_show_only_shows():
         (["greedy", "--seed", "-1"], "seed must not be negative, got -1"),
         (["greedy", "--noise", "-1"], "concentration_noise must be a finite number of at least 0"),
         (["greedy", "--noise", "nan"], "concentration_noise must be a finite number"),
+        (["greedy", "--noise", "0,much"], "--noise must be numbers, separated by commas, got '0,much'"),
+        (["greedy", "--noise", "0,0.1,"], "--noise must be numbers, separated by commas, got '0,0.1,'"),
+        (["greedy", "--noise", "0.1,0.1"], "levels of noise must be at least one, and rise"),
+        (["greedy", "--noise", "0", "--noise", "-1"], "concentration_noise must be a finite number"),
+        (["greedy", "--noise", "0", "--noise-kind", "curvatur"], "did you mean 'curvature'?"),
+        (
+            ["greedy", "--noise", "0,1", "--noise-kind", "heat"],
+            "kind must be one of concentration, curvature",
+        ),
+        (["greedy", "--noise-kind", "curvature"], "--noise-kind must come with --noise"),
+        (["greedy", "--noise", "0,0.1", "--out", "taken"], "taken must be a new or an empty folder"),
         (
             ["policy.safetensors", "--experiment", "linear_n8"],
             "policy must fit what the world's cells observe",
@@ -218,6 +230,25 @@ def test_evaluate_prints_a_table_and_fills_a_folder(name):
     assert {"population.nc", "summary.json", "gains.png", "centerlines.png"} <= {
         path.name for path in Path("found").iterdir()
     }
+
+
+def test_evaluate_draws_gain_against_noise():
+    policy(experiment="linear_n4")
+    short = ["--cells", "2", "--life", "4"]
+    words = ["evaluate", "policy.safetensors", *short, "--noise-kind", "curvature"]
+    code, out, _ = run(*words, "--noise", "0.5,0", "--noise", "1", "--out", "found")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()[1:7]] == ["0", "0", "0.5", "0.5", "1", "1"]
+    assert {path.name for path in Path("found").iterdir()} == {"noise.nc", "noise.csv", "noise.png"}
+
+
+def test_evaluate_keeps_the_noise_that_a_policy_was_trained_with():
+    world = {"concentration_noise": 0.25}
+    policy(settings={"world": world})
+    for words, expected in (([], 0.25), (["--noise", "0"], 0.0), (["--noise", "0.5"], 0.5)):
+        out = f"found{expected}"
+        run("evaluate", "policy.safetensors", "--cells", "2", "--life", "2", "--out", out, *words)
+        assert world_of(load_population(f"{out}/population.nc")).concentration_noise == expected
 
 
 # --- compare, watch, reproduce ------------------------------------------------------------------------------

@@ -26,6 +26,11 @@ def fail(error: BaseException | str) -> NoReturn:
     raise typer.Exit(2)
 
 
+def file_trouble(error: OSError) -> str:
+    """What went wrong with which file."""
+    return f"{error.strerror}: {error.filename}" if error.strerror and error.filename else str(error)
+
+
 @app.command(
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     help="""Train a policy: `swarm train experiment=linear_n4 recipe=swarm seed=0 key=value …`
@@ -52,13 +57,32 @@ def evaluate(
     cells: Annotated[int | None, typer.Option(help="Test cells.")] = None,
     life: Annotated[float | None, typer.Option(help="Length of a life, t_life.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the test population.")] = 0,
-    noise: Annotated[float, typer.Option(help="Standard deviation of the sensed concentration.")] = 0.0,
+    noise: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Strength of a perturbation; several (0,0.1,0.2) draw gain against noise.",
+            metavar="LEVEL,...",
+        ),
+    ] = None,
+    noise_kind: Annotated[
+        str | None,
+        typer.Option(help="What --noise perturbs: concentration (default), curvature or rotation."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="New folder for results and figures.")] = None,
 ) -> None:
     """Test a policy on fresh cells, next to greedy, swinging and the physical limit."""
-    from trainers import launching
+    from trainers import commands
 
-    launching.evaluate_from(policy, experiment, cells, life, seed, noise, out)
+    commands.evaluate_from(
+        policy,
+        experiment=experiment,
+        cells=cells,
+        life=life,
+        seed=seed,
+        noise=noise or (),
+        kind=noise_kind,
+        out=out,
+    )
 
 
 @app.command()
@@ -69,9 +93,9 @@ def compare(
     out: Annotated[Path | None, typer.Option(help="New folder for the table and the figure.")] = None,
 ) -> None:
     """Put runs side by side, with intervals over seeds."""
-    from trainers import launching
+    from trainers import commands
 
-    launching.compare_from(folders, cells, seed, out)
+    commands.compare_from(folders, cells, seed, out)
 
 
 @app.command()
@@ -91,9 +115,9 @@ def watch(
     ] = None,
 ) -> None:
     """Watch a policy steer a swarm."""
-    from trainers import launching
+    from trainers import commands
 
-    launching.watch_from(policy, experiment, cells, life, seed, out)
+    commands.watch_from(policy, experiment, cells, life, seed, out)
 
 
 @app.command()
@@ -107,17 +131,17 @@ def reproduce(
     ] = None,
 ) -> None:
     """Reproduce every figure and table of the paper, with a verdict on each of its claims."""
-    from trainers import launching
+    from trainers import commands
 
-    launching.reproduce_from(out, quick, seeds, jobs, publish)
+    commands.reproduce_from(out, quick, seeds, jobs, publish)
 
 
 @app.command()
 def check() -> None:
     """Run every check of the environments' interfaces there is, warnings as errors."""
-    from trainers import launching
+    from trainers import commands
 
-    launching.check_from()
+    commands.check_from()
 
 
 def main() -> None:

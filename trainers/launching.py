@@ -1,17 +1,15 @@
-"""What the commands do: check everything, then run; bad input ends in one line, not in a traceback."""
+"""What `swarm train` does: check everything, then run; bad input ends in one line, not in a traceback."""
 
 from __future__ import annotations
 
 import dataclasses
 import sys
 import time
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from swarm.checks import check_count
-from trainers.cli import fail
+from trainers.cli import fail, file_trouble
 from trainers.composing import SettingsError, settings_from, settings_from_stored
 from trainers.machine import prepare
 from trainers.settings import Settings
@@ -114,170 +112,11 @@ def carry_on(prepared: Any, run: Any) -> None:
 
 def test_after(settings: Settings, run: Any) -> None:
     """Test the kept policy where that is wanted and was not done."""
+    from trainers.commands import evaluate_from
+
     folder, test = run.path / "evaluation", settings.evaluation
     if settings.evaluate and not folder.exists():
-        evaluate_from(str(run.path), None, test.cells, test.life, test.seed, 0.0, folder)
-
-
-def file_trouble(error: OSError) -> str:
-    """What went wrong with which file."""
-    return f"{error.strerror}: {error.filename}" if error.strerror and error.filename else str(error)
-
-
-def evaluate_from(
-    policy: str,
-    experiment: str | None,
-    cells: int | None,
-    life: float | None,
-    seed: int,
-    noise: float,
-    out: Path | None,
-) -> None:
-    """`swarm evaluate`; without an experiment, the world of the test is the policy's own."""
-    from swarm import evaluation
-    from swarm.policy_files import PolicyError
-
-    try:
-        settings = test_settings(policy, experiment)
-        test = settings.evaluation
-        done = evaluation.evaluate(
-            policy,
-            settings.test_world().replace(concentration_noise=noise),
-            experiment=settings.experiment,
-            cells=test.cells if cells is None else cells,
-            life=test.life if life is None else life,
-            seed=seed,
-            out=out,
-        )
-    except OSError as error:
-        fail(file_trouble(error))
-    except (SettingsError, PolicyError, ValueError, TypeError, MemoryError) as error:
-        fail(error)
-    show_table(done.table)
-    limit = done.summary["limit"]
-    print(
-        "limit: none is known for this world"
-        if limit is None
-        else f"limit: {limit:.2f}, which no policy can exceed"
-    )
-    if out is not None:
-        print(f"results and figures are in {out}")
-
-
-def watch_from(
-    policy: str, experiment: str | None, cells: int, life: float, seed: int, out: Path | None
-) -> None:
-    """`swarm watch`."""
-    from rich.progress import Progress
-
-    from swarm.policy_files import PolicyError
-    from trainers import watching
-
-    try:
-        watching.check_target(out)
-        world = test_settings(policy, experiment).test_world().replace(life=life)
-        with Progress(transient=True, disable=out is None or not sys.stderr.isatty()) as bar:
-            task = bar.add_task("drawing", total=None)
-            watching.watch(
-                policy,
-                world,
-                cells=cells,
-                seed=seed,
-                out=out,
-                progress=lambda done, most: bar.update(task, completed=done, total=most),
-            )
-    except ImportError as error:
-        fail(f"this needs a further package: {error}")
-    except (SettingsError, PolicyError, OSError, ValueError, TypeError) as error:
-        fail(error)
-    if out is not None:
-        print(f"written to {out}")
-
-
-def compare_from(folders: Sequence[Path], cells: int, seed: int, out: Path | None) -> None:
-    """`swarm compare`."""
-    from swarm.policy_files import PolicyError
-    from trainers import comparing, runs
-
-    try:
-        groups = comparing.compare(folders, cells=cells, seed=seed, out=out)
-    except OSError as error:
-        fail(file_trouble(error))
-    except (runs.RunError, SettingsError, PolicyError, ValueError, TypeError, MemoryError) as error:
-        fail(error)
-    show_table(comparing.table(groups))
-    if out is not None:
-        print(f"table and figure are in {out}")
-
-
-def reproduce_from(out: Path, quick: bool, seeds: int, jobs: int | None, publish: Path | None) -> None:
-    """`swarm reproduce`."""
-    try:
-        from trainers import reproducing
-        from trainers.dispatching import Stopped
-        from trainers.planning import Plan
-    except ImportError as error:
-        fail(f"this needs the extra packages of chemoswarm[train]: {error}")
-    try:
-        plan = Plan(quick=quick, n_seeds=check_count("--seeds", seeds))
-        if jobs is not None:
-            plan = dataclasses.replace(plan, workers=check_count("--jobs", jobs))
-        claims = reproducing.reproduce(plan, out, publish)
-    except (reproducing.ReproductionError, SettingsError, Stopped, ValueError) as error:
-        fail(error)
-    except OSError as error:
-        fail(file_trouble(error))
-    verdicts = Counter(claim.verdict for claim in claims)
-    print(f"{len(claims)} claims: " + ", ".join(f"{count} {name}" for name, count in verdicts.most_common()))
-    print(f"the report is {out / 'report.md'}")
-
-
-def check_from() -> None:
-    """`swarm check`; ends with exit code 1 where a check fails."""
-    from swarm.conformance import run_checks
-
-    checks = run_checks()
-    rows = [["check", "result", "detail"]]
-    rows += [
-        [each.name, {True: "passed", False: "FAILED", None: "skipped"}[each.passed], each.detail]
-        for each in checks
-    ]
-    show_table(rows)
-    if any(each.passed is False for each in checks):
-        raise SystemExit(1)
-
-
-def test_settings(policy: str, experiment: str | None) -> Settings:
-    """Settings of an experiment, or those a trained policy's card tells of, else of linear_n4."""
-    from swarm.evaluation import STRATEGIES, named_policy
-    from swarm.network import ZOO, load_policy
-    from swarm.world import World
-
-    if experiment is not None:
-        return settings_from([f"experiment={experiment}"])
-    if policy in STRATEGIES:
-        return settings_from([])
-    if not policy.startswith(ZOO) and not Path(policy).exists():
-        named_policy(policy, World())  # raises, and suggests what may be meant
-    card = load_policy(policy).card
-    known = card.get("settings")
-    known = known if isinstance(known, dict) else {}
-    stored = {name: known[name] for name in ("world", "evaluation") if name in known}
-    return settings_from_stored({"experiment": str(card.get("experiment", "own")), **stored})
-
-
-def show_table(rows: list[list[str]]) -> None:
-    """Print rows under the headings in the first of them."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False)
-    for index, heading in enumerate(rows[0]):
-        table.add_column(heading, justify="right" if index else "left", no_wrap=True)
-    for row in rows[1:]:
-        table.add_row(*row)
-    console = Console()
-    Console(width=max(console.width, 100)).print(table)
+        evaluate_from(str(run.path), cells=test.cells, life=test.life, seed=test.seed, out=folder)
 
 
 def described(settings: Settings) -> str:

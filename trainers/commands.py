@@ -1,0 +1,222 @@
+"""What the commands that test and show policies do; bad input ends in one line, not in a traceback."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from swarm.checks import check_count
+from trainers.cli import fail, file_trouble
+from trainers.composing import SettingsError, settings_from, settings_from_stored
+from trainers.settings import Settings
+
+
+def evaluate_from(
+    policy: str,
+    *,
+    experiment: str | None = None,
+    cells: int | None = None,
+    life: float | None = None,
+    seed: int = 0,
+    noise: Sequence[str] = (),
+    kind: str | None = None,
+    out: Path | None = None,
+) -> None:
+    """`swarm evaluate`; without an experiment, the world of the test is the policy's own.
+
+    One level of noise is a world to test in; several are a sweep.
+    """
+    from swarm.policy_files import PolicyError
+
+    try:
+        levels, kind = noise_levels(noise, kind)
+        settings = test_settings(policy, experiment)
+        test = settings.evaluation
+        options: dict[str, Any] = {
+            "cells": test.cells if cells is None else cells,
+            "life": test.life if life is None else life,
+            "seed": seed,
+            "out": out,
+        }
+        if len(levels) > 1:
+            show_table(swept(policy, settings, levels, kind, options))
+        else:
+            evaluated(policy, settings, levels, kind, options)
+    except OSError as error:
+        fail(file_trouble(error))
+    except (SettingsError, PolicyError, ValueError, TypeError, MemoryError) as error:
+        fail(error)
+    if out is not None:
+        print(f"results and figures are in {out}")
+
+
+def noise_levels(words: Sequence[str], kind: str | None) -> tuple[list[float], str]:
+    """Levels of noise, rising, and their kind, from the words of `--noise`, with or without commas."""
+    if kind is not None and not words:
+        raise ValueError(f"--noise-kind must come with --noise, got {kind!r} alone")
+    parts = [part.strip() for word in words for part in word.split(",")]
+    try:
+        return sorted(float(part) for part in parts), kind or "concentration"
+    except ValueError:
+        raise ValueError(f"--noise must be numbers, separated by commas, got {','.join(words)!r}") from None
+
+
+def evaluated(
+    policy: str, settings: Settings, levels: Sequence[float], kind: str, options: dict[str, Any]
+) -> None:
+    """Test in one world, and print the table."""
+    from swarm.evaluation import evaluate
+    from swarm.noise import check_levels
+
+    world = settings.test_world()
+    if levels:
+        (world,) = check_levels(levels, kind, world)
+    done = evaluate(policy, world, experiment=settings.experiment, **options)
+    show_table(done.table)
+    limit = done.summary["limit"]
+    print(
+        "limit: none is known for this world"
+        if limit is None
+        else f"limit: {limit:.2f}, which no policy can exceed"
+    )
+
+
+def swept(
+    policy: str, settings: Settings, levels: Sequence[float], kind: str, options: dict[str, Any]
+) -> list[list[str]]:
+    """Test at every level of noise; the table of all."""
+    from rich.progress import Progress
+
+    from swarm.noise import sweep_noise
+
+    with Progress(transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("levels of noise", total=len(levels))
+        done = sweep_noise(
+            policy,
+            settings.test_world(),
+            levels,
+            kind=kind,
+            progress=lambda count: bar.update(task, completed=count),
+            **options,
+        )
+    return done.table
+
+
+def watch_from(
+    policy: str, experiment: str | None, cells: int, life: float, seed: int, out: Path | None
+) -> None:
+    """`swarm watch`."""
+    from rich.progress import Progress
+
+    from swarm.policy_files import PolicyError
+    from trainers import watching
+
+    try:
+        watching.check_target(out)
+        world = test_settings(policy, experiment).test_world().replace(life=life)
+        with Progress(transient=True, disable=out is None or not sys.stderr.isatty()) as bar:
+            task = bar.add_task("drawing", total=None)
+            watching.watch(
+                policy,
+                world,
+                cells=cells,
+                seed=seed,
+                out=out,
+                progress=lambda done, most: bar.update(task, completed=done, total=most),
+            )
+    except ImportError as error:
+        fail(f"this needs a further package: {error}")
+    except (SettingsError, PolicyError, OSError, ValueError, TypeError) as error:
+        fail(error)
+    if out is not None:
+        print(f"written to {out}")
+
+
+def compare_from(folders: Sequence[Path], cells: int, seed: int, out: Path | None) -> None:
+    """`swarm compare`."""
+    from swarm.policy_files import PolicyError
+    from trainers import comparing, runs
+
+    try:
+        groups = comparing.compare(folders, cells=cells, seed=seed, out=out)
+    except OSError as error:
+        fail(file_trouble(error))
+    except (runs.RunError, SettingsError, PolicyError, ValueError, TypeError, MemoryError) as error:
+        fail(error)
+    show_table(comparing.table(groups))
+    if out is not None:
+        print(f"table and figure are in {out}")
+
+
+def reproduce_from(out: Path, quick: bool, seeds: int, jobs: int | None, publish: Path | None) -> None:
+    """`swarm reproduce`."""
+    try:
+        from trainers import reproducing
+        from trainers.dispatching import Stopped
+        from trainers.planning import Plan
+    except ImportError as error:
+        fail(f"this needs the extra packages of chemoswarm[train]: {error}")
+    try:
+        plan = Plan(quick=quick, n_seeds=check_count("--seeds", seeds))
+        if jobs is not None:
+            plan = dataclasses.replace(plan, workers=check_count("--jobs", jobs))
+        claims = reproducing.reproduce(plan, out, publish)
+    except (reproducing.ReproductionError, SettingsError, Stopped, ValueError) as error:
+        fail(error)
+    except OSError as error:
+        fail(file_trouble(error))
+    verdicts = Counter(claim.verdict for claim in claims)
+    print(f"{len(claims)} claims: " + ", ".join(f"{count} {name}" for name, count in verdicts.most_common()))
+    print(f"the report is {out / 'report.md'}")
+
+
+def check_from() -> None:
+    """`swarm check`; ends with exit code 1 where a check fails."""
+    from swarm.conformance import run_checks
+
+    checks = run_checks()
+    rows = [["check", "result", "detail"]]
+    rows += [
+        [each.name, {True: "passed", False: "FAILED", None: "skipped"}[each.passed], each.detail]
+        for each in checks
+    ]
+    show_table(rows)
+    if any(each.passed is False for each in checks):
+        raise SystemExit(1)
+
+
+def test_settings(policy: str, experiment: str | None) -> Settings:
+    """Settings of an experiment, or those a trained policy's card tells of, else of linear_n4."""
+    from swarm.evaluation import STRATEGIES, named_policy
+    from swarm.network import ZOO, load_policy
+    from swarm.world import World
+
+    if experiment is not None:
+        return settings_from([f"experiment={experiment}"])
+    if policy in STRATEGIES:
+        return settings_from([])
+    if not policy.startswith(ZOO) and not Path(policy).exists():
+        named_policy(policy, World())  # raises, and suggests what may be meant
+    card = load_policy(policy).card
+    known = card.get("settings")
+    known = known if isinstance(known, dict) else {}
+    stored = {name: known[name] for name in ("world", "evaluation") if name in known}
+    return settings_from_stored({"experiment": str(card.get("experiment", "own")), **stored})
+
+
+def show_table(rows: list[list[str]]) -> None:
+    """Print rows under the headings in the first of them."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for index, heading in enumerate(rows[0]):
+        table.add_column(heading, justify="right" if index else "left", no_wrap=True)
+    for row in rows[1:]:
+        table.add_row(*row)
+    console = Console()
+    Console(width=max(console.width, 100)).print(table)
