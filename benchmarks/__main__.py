@@ -7,21 +7,36 @@ import importlib
 import json
 import os
 import platform
+import re
 from pathlib import Path
 from typing import Any
 
 from swarm import files, provenance
 
-NAMES = ("pettingzoo_path", "training_path")
+NAMES = ("pettingzoo_path", "batched_path", "training_path", "same_goal")
 
 
 def as_table(rows: list[dict[str, Any]]) -> str:
-    """Rows as a table in Markdown, for the page of results."""
+    """Rows as a table in Markdown."""
     heads = [name.replace("_", " ") for name in rows[0]]
     lines = [heads, ["--"] + ["--:"] * (len(heads) - 1)]
     for row in rows:
         lines.append([f"{cell:.3g}" if isinstance(cell, float) else str(cell or "") for cell in row.values()])
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def as_text(result: list[dict[str, Any]] | dict[str, list[dict[str, Any]]]) -> str:
+    """A benchmark's table, or its tables under their titles, for the page of results."""
+    if isinstance(result, list):
+        return as_table(result)
+    return "\n".join(f"**{title}**\n\n{as_table(rows)}" for title, rows in result.items())
+
+
+def processor() -> str:
+    """The processor's name, where the system tells it."""
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8") if Path("/proc/cpuinfo").exists() else ""
+    found = re.search(r"model name\s*: (.*)", lines)
+    return found[1] if found else platform.processor() or platform.machine()
 
 
 def main() -> None:
@@ -33,17 +48,19 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     for name in options.names or NAMES:
         print(f"\n{name}")
-        rows = importlib.import_module(f"benchmarks.{name}").run()
+        result = importlib.import_module(f"benchmarks.{name}").run()
+        text = as_text(result)
+        print(text)
         record = {
             "benchmark": name,
-            "rows": rows,
+            "rows": result,
             "versions": provenance.versions(),
             "commit": provenance.commit(),
-            "processor": platform.processor() or platform.machine(),
+            "processor": processor(),
             "cores": os.cpu_count(),
         }
         files.write_text(options.out / f"{name}.json", json.dumps(record, indent=1) + "\n")
-        files.write_text(options.out / f"{name}.txt", as_table(rows))
+        files.write_text(options.out / f"{name}.txt", text)
     print(f"\nwritten to {options.out}")
 
 

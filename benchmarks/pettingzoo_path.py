@@ -2,16 +2,12 @@
 
 The reference has the same agents and spaces and hands over dictionaries, but computes nothing. Beside it
 stands the leanest that can be written, which no environment with anything to tell can reach.
-Run with `python -m benchmarks.pettingzoo_path [--out FILE.json]`.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -100,26 +96,5 @@ def measure(n_swimmers: int, seconds: float = 3.0) -> list[dict[str, Any]]:
 
 
 def run(seconds: float = 3.0) -> list[dict[str, Any]]:
-    """All rows, printed as a table."""
-    rows = [row for n_swimmers in (40, 1000) for row in measure(n_swimmers, seconds)]
-    print(
-        f"{'µs per step':26s}{'cells':>6s}{'reference':>11s}{'ours':>9s}{'ratio':>7s}{'at most':>9s}"
-        f"{'leanest':>9s}{'ratio':>7s}{'agent steps/s':>15s}"
-    )
-    for row in rows:
-        print(
-            f"{row['case']:26s}{row['cells']:6d}{row['reference_us']:11.1f}{row['ours_us']:9.1f}{row['ratio']:7.2f}"
-            f"{row['target']:9.1f}{row['leanest_us']:9.1f}{row['ratio_to_leanest']:7.2f}"
-            f"{row['agent_steps_per_second']:15,.0f}"
-        )
-    return rows
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="write the rows as JSON")
-    parser.add_argument("--seconds", type=float, default=3.0, help="time for each number of cells")
-    options = parser.parse_args()
-    table = run(options.seconds)
-    if options.out:
-        options.out.write_text(json.dumps(table, indent=1))
+    """All rows."""
+    return [row for n_swimmers in (40, 1000) for row in measure(n_swimmers, seconds)]

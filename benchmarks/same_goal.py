@@ -1,0 +1,232 @@
+"""Training time to the same goal: ours beside Stable-Baselines3's DQN, on the same cells.
+
+The goal: the greedy policy's mean gain passes 97% and 99% of the limit on 100 validation cells. Time is of
+the processor, on one thread, from the first decision on; making the environment and testing the policy are
+left out. Both learn from cells that share a world, with settings found by the same random search
+(`python -m benchmarks.same_goal --search SECONDS`), on other seeds than those that are measured. Without
+Stable-Baselines3 only ours is measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import random
+from collections.abc import Callable
+from time import process_time
+from typing import Any
+
+import numpy as np
+import torch
+
+import swarm
+from trainers.composing import settings_from
+from trainers.settings import Settings
+from trainers.training import Training
+from trainers.validating import Validation
+
+MARKS = (0.97, 0.99)
+AT_MOST = 0.5  # of Stable-Baselines3's time
+SEEDS, SEARCH_SEEDS = range(5), range(100, 103)
+EXPERIMENTS = ("linear_n4", "linear_n8")
+LONGEST, SEARCHED = (
+    20.0,
+    2.0,
+)  # seconds of training after which a seed is given up, when measured and in a search
+CHECK_EVERY = 24  # decisions
+# Found by `--search`; ours are the settings as shipped.
+STABLE_BASELINES3: dict[str, Any] = {}
+SPACE: dict[str, list[Any]] = {
+    "n_swimmers": [20, 40, 80],
+    "collect": [2, 4, 8, 16],  # decisions between two rounds of updates
+    "updates_per_decision": [0.25, 0.5, 1.0],
+    "batch_size": [128, 256, 512],
+    "hidden": [[32], [64], [96], [32, 32], [48, 48], [64, 64], [48, 48, 48]],
+    "n_steps": [1, 2, 3],
+    "discount": [0.95, 0.98],
+    "learning_rate": [1e-3, 2e-3, 3e-3, 5e-3, 7e-3],
+    "target_rate": [0.02, 0.05, 0.1, 0.2],
+    "epsilon_start": [0.1, 0.3, 0.5],
+}
+
+
+class Watch:
+    """A stopwatch that stands still while the policy is tested."""
+
+    def __init__(self, validation: Validation, longest: float) -> None:
+        assert validation.limits is not None
+        self.validation, self.limit, self.longest = validation, float(validation.limits[0]), longest
+        self.spent, self.decisions, self.checked = 0.0, 0, 0
+        self.reached = [float("inf")] * len(MARKS)
+        self.since = process_time()
+
+    @property
+    def over(self) -> bool:
+        """Whether there is nothing more to see."""
+        return max(self.reached) < float("inf") or self.spent > self.longest
+
+    def look(self, network: Any, decisions: int) -> None:
+        """After a round of updates: stop, test where that is due, go on."""
+        self.spent += process_time() - self.since
+        self.decisions += decisions
+        if self.decisions >= self.checked + CHECK_EVERY:
+            self.checked = self.decisions
+            with torch.inference_mode():
+                part = float(self.validation.gains(network)[0]) / self.limit
+            for place, mark in enumerate(MARKS):
+                if part > mark:
+                    self.reached[place] = min(self.reached[place], self.spent)
+        self.since = process_time()
+
+
+def settings_of(experiment: str, seed: int, changed: dict[str, Any]) -> Settings:
+    """The experiment as shipped, but for the settings `changed`."""
+    changed = dict(changed)
+    if "updates_per_decision" in changed:
+        changed["updates"] = max(1, round(changed["collect"] * changed.pop("updates_per_decision")))
+    words = [f"learning.{name}={value}" for name, value in changed.items()]
+    return settings_from([f"experiment={experiment}", f"seed={seed}", "compile=never", *words])
+
+
+def ours(experiment: str, seed: int, changed: dict[str, Any], longest: float) -> list[float]:
+    """Seconds to each mark, infinite where training ends before."""
+    training = Training(settings_of(experiment, seed, changed))
+    learning, learn = training.settings.learning, training.learner.learn
+
+    def watched(rate: Any) -> Any:
+        result = learn(rate)
+        watch.look(training.learner.played, learning.collect)
+        return result
+
+    training.learner.learn = watched  # type: ignore[method-assign]
+    training._validate = lambda: np.full(1, np.nan)  # type: ignore[method-assign]
+    watch = Watch(training.validation, longest)
+    with torch.inference_mode():
+        while training.epoch < learning.epochs and not watch.over:
+            training.run_epoch()
+    return watch.reached
+
+
+def stable_baselines3(experiment: str, seed: int, changed: dict[str, Any], longest: float) -> list[float]:
+    """Seconds to each mark, infinite where training ends before."""
+    from stable_baselines3 import DQN
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    from examples.stable_baselines3_dqn import Cells
+
+    settings = settings_of(experiment, seed, changed)
+    learning, checked, world = settings.learning, settings.validation, settings.training_world()
+    cells = Cells(swarm.SpermSwarmVector(learning.n_swimmers, world=world))
+    cells.seed(seed)
+
+    class Looking(BaseCallback):
+        def _on_training_start(self) -> None:
+            watch.since = process_time()
+
+        def _on_rollout_start(self) -> None:  # after a round of updates
+            watch.look(Values(self.model.q_net.q_net), learning.collect)
+
+        def _on_step(self) -> bool:
+            return not watch.over
+
+    total = learning.epochs * world.max_decisions * learning.n_swimmers
+    rate = learning.learning_rate
+    model = DQN(
+        "MlpPolicy",
+        cells,
+        seed=seed,
+        device="cpu",
+        learning_rate=lambda left: rate * left,
+        batch_size=learning.batch_size,
+        buffer_size=learning.buffer_size,
+        learning_starts=learning.batch_size,
+        gamma=learning.discount,
+        n_steps=learning.n_steps,
+        train_freq=learning.collect,
+        gradient_steps=learning.updates,
+        tau=learning.target_rate,
+        target_update_interval=learning.n_swimmers,  # every decision of all cells
+        exploration_initial_eps=learning.epsilon_start,
+        exploration_final_eps=learning.epsilon_end,
+        exploration_fraction=learning.epsilon_fraction,
+        policy_kwargs={"net_arch": list(learning.hidden), "activation_fn": torch.nn.Tanh},
+    )
+    watch = Watch(Validation(world.replace(life=checked.life), checked.cells, [seed]), longest)
+    model.learn(total, callback=Looking())
+    return watch.reached
+
+
+class Values:
+    """A module as a network that `Validation` can play."""
+
+    def __init__(self, module: torch.nn.Module) -> None:
+        self.values = module
+
+
+LEARNERS: dict[str, tuple[Callable[..., list[float]], dict[str, Any]]] = {
+    "ours": (ours, {}),
+    "Stable-Baselines3": (stable_baselines3, STABLE_BASELINES3),
+}
+
+
+def measure(experiment: str) -> list[dict[str, Any]]:
+    """Medians over seeds, the learners taking turns."""
+    chosen = dict(LEARNERS)
+    if importlib.util.find_spec("stable_baselines3") is None:
+        del chosen["Stable-Baselines3"]
+    times: dict[str, list[list[float]]] = {name: [] for name in chosen}
+    for seed in SEEDS:
+        for name, (learner, changed) in chosen.items():
+            times[name].append(learner(experiment, seed, changed, LONGEST))
+    medians = {name: np.median(np.array(values), axis=0) for name, values in times.items()}
+    rows = []
+    for place, mark in enumerate(MARKS):
+        for name, values in medians.items():
+            other = medians.get("Stable-Baselines3")
+            rows.append(
+                {
+                    "experiment": experiment,
+                    "learner": name,
+                    "mark": f"{mark:.0%}",
+                    "seconds": float(values[place]),
+                    "ratio": None if other is None else float(values[place] / other[place]),
+                    "at_most": AT_MOST if name == "ours" and other is not None else None,
+                }
+            )
+    return rows
+
+
+def search(learner: Callable[..., list[float]], seconds: float, seed: int) -> list[tuple[float, dict]]:
+    """Random settings for so long, on both experiments; the best by the mean time to all marks, first."""
+    draw, found = random.Random(seed), []
+    end = process_time() + seconds
+    while process_time() < end:
+        changed = {name: draw.choice(values) for name, values in SPACE.items()}
+        times: list[float] = []
+        for trial in ((experiment, seed) for experiment in EXPERIMENTS for seed in SEARCH_SEEDS):
+            times += np.minimum(learner(*trial, changed, SEARCHED), SEARCHED).tolist()
+            if max(times) == SEARCHED:
+                break
+        score = float(np.mean(times)) if max(times) < SEARCHED else SEARCHED
+        found.append((score, changed))
+        print(f"{score:8.3f}  {changed}", flush=True)
+    return sorted(found, key=lambda each: each[0])
+
+
+def run() -> list[dict[str, Any]]:
+    """All rows."""
+    torch.set_num_threads(1)
+    return [row for experiment in EXPERIMENTS for row in measure(experiment)]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--search", type=float, metavar="SECONDS", help="of processor time for each learner")
+    parser.add_argument("--learner", choices=LEARNERS, action="append", help="default: all")
+    parser.add_argument("--seed", type=int, default=0, help="of the search")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    for name in options.learner or LEARNERS:
+        print(name)
+        best = search(LEARNERS[name][0], options.search or 0.0, options.seed)[:5]
+        print("best:", *(f"{score:8.3f}  {changed}" for score, changed in best), sep="\n")
