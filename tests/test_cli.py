@@ -281,10 +281,34 @@ def test_compare_refuses_what_it_cannot_do(words, said):
         (["greedy", "--life", "nan", "--out", "a.gif"], "life must be a finite number above 0"),
         (["greedy", "--experiment", "nothing", "--out", "a.gif"], "experiment must be one of"),
         (["greedy", "--seed", "-1", "--out", "a.gif"], "seed must not be negative"),
+        (["greedy", "--out", "a.xyz"], "out must end in .gif, .mp4, .html, got a.xyz"),
+        (["greedy", "--size", "2000", "--out", "a.gif"], "size must be at most 720 pixels"),
+        (["greedy", "--size", "300", "--out", "a.html"], "size must come with a film"),
+        (["greedy", "--size", "300"], "size must come with a film"),
+        (["nowhere.nc", "--out", "a.html"], "nowhere.nc holds no results of a population test: it is not"),
+        (
+            ["text.nc", "--out", "a.html"],
+            "text.nc holds no results of a population test: it must be a NetCDF",
+        ),
+        (["text.nc"], "out must end in .html, got None"),
+        (["text.nc", "--out", "a.gif"], "out must end in .html, got a.gif"),
+        (["text.nc", "--out", "text.nc"], "out must end in .html"),
+        (["text.nc", "--life", "3", "--out", "a.html"], "--life must be left out, text.nc holds lives"),
+        (["text.nc", "--cells", "0", "--out", "a.html"], "cells must be a whole number of at least 1"),
     ],
 )
 def test_watch_refuses_what_it_cannot_do(words, said):
+    Path("text.nc").write_text("no numbers")
     assert said in refused("watch", *words)
+
+
+def test_watch_makes_a_page_of_a_stored_population():
+    run("evaluate", "random", "--cells", "3", "--life", "4", "--out", "found")
+    code, out, _ = run("watch", "found/population.nc", "--out", "page.html")
+    assert code == 0
+    assert "written to page.html" in out
+    text = Path("page.html").read_text(encoding="utf-8")
+    assert all(f'"name": "{name}"' in text for name in ("random", "greedy", "swinging"))
 
 
 @pytest.mark.parametrize(

@@ -2,27 +2,95 @@
 
 from __future__ import annotations
 
+import subprocess
+
 import imageio.v2 as imageio
 import numpy as np
 import pytest
+from imageio_ffmpeg import get_ffmpeg_exe
 
+from swarm.page import page
 from swarm.population import population_test
-from swarm.strategies import Greedy, Random
+from swarm.results import save_population
+from swarm.strategies import Greedy, Random, Swinging
 from swarm.world import World
-from trainers.watching import FRAMES, check_target, states, watch
+from trainers.films import COLOURS, FORMS
+from trainers.watching import check_target, save_page_of, states, watch
 
 
-def test_a_film_shows_every_decision(tmp_path):
-    world = World(life=2.0)
-    watch("greedy", world, cells=3, out=tmp_path / "swim.gif")
-    film = imageio.mimread(tmp_path / "swim.gif", memtest=False)
-    assert len(film) == 1 + FRAMES * world.max_decisions
-    assert list(tmp_path.iterdir()) == [tmp_path / "swim.gif"]
+def film_of(path, height):
+    """The pictures (pictures, height, width, 3) of a film that is `height` pixels high."""
+    if path.suffix == ".gif":
+        return np.stack(imageio.mimread(path, memtest=False, mode="RGB"))
+    command = [get_ffmpeg_exe(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    data = subprocess.run(command, capture_output=True, check=True).stdout
+    return np.frombuffer(data, np.uint8).reshape(-1, height, height * 4 // 3, 3)
+
+
+@pytest.mark.parametrize("suffix", FORMS)
+def test_a_film_shows_every_decision(tmp_path, suffix):
+    world, path = World(life=2.0), tmp_path / f"swim{suffix}"
+    watch("greedy", world, cells=3, out=path)
+    form = FORMS[suffix]
+    film = film_of(path, form.height)
+    assert film.shape == (1 + form.frames * world.max_decisions, form.height, form.height * 4 // 3, 3)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+def test_a_film_has_the_size_that_is_asked_for(tmp_path, suffix):
+    path = tmp_path / f"swim{suffix}"
+    watch("greedy", World(life=1.0), cells=2, out=path, size=150)
+    assert film_of(path, 150).shape[1:] == (150, 200, 3)
+
+
+def test_a_gif_of_ten_time_units_is_small_and_keeps_its_colours(tmp_path):
+    path = tmp_path / "swim.gif"
+    watch("greedy", World(life=10.0), out=path)
+    assert path.stat().st_size < 1e6
+    colours = np.unique(film_of(path, 360)[::10].reshape(-1, 3), axis=0)
+    assert 0.5 * COLOURS < len(colours) <= COLOURS
+    assert colours.min(axis=1).max() > 240  # white heads
+    assert (colours[:, 0].astype(int) - colours[:, 2]).max() > 100  # yellow trails
+
+
+@pytest.mark.parametrize("size", [89, 721, 0, -1])
+def test_a_size_that_cannot_be_drawn_is_refused_before_anything_is_drawn(tmp_path, monkeypatch, size):
+    monkeypatch.setattr("swarm.render.Viewer.picture", lambda *_: pytest.fail("drawn"))
+    with pytest.raises(ValueError, match=rf"size must be .* (90|720).*, got {size}"):
+        watch("greedy", World(life=2.0), out=tmp_path / "swim.gif", size=size)
+
+
+@pytest.mark.parametrize("out", [None, "swim.html"])
+def test_only_films_have_a_size(tmp_path, out):
+    with pytest.raises(ValueError, match=r"size must come with a film, .*\.gif.*, got 300"):
+        check_target(out and tmp_path / out, 300)
+
+
+def test_a_video_without_its_encoder_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr("trainers.films.find_spec", lambda name: None)
+    with pytest.raises(ModuleNotFoundError, match=r'pip install "chemoswarm\[video\]", or take .gif'):
+        check_target(tmp_path / "swim.mp4")
+    check_target(tmp_path / "swim.gif")
 
 
 def test_a_page_shows_the_policy(tmp_path):
     watch("swinging", World(life=2.0), cells=3, out=tmp_path / "swim.html")
     assert '"name": "swinging"' in (tmp_path / "swim.html").read_text(encoding="utf-8")
+
+
+def test_a_stored_population_becomes_the_same_page(tmp_path):
+    results = population_test(World(), {"swinging": Swinging()}, cells=3, life=4.0, limit=False)
+    save_population(results, tmp_path / "population.nc")
+    save_page_of(tmp_path / "population.nc", tmp_path / "swim.html", cells=2)
+    expected = page(results, title=f"{tmp_path.name}/population.nc", cells=2)
+    assert (tmp_path / "swim.html").read_text(encoding="utf-8") == expected
+
+
+def test_a_stored_population_makes_no_film_and_no_window(tmp_path):
+    for out in (None, tmp_path / "swim.gif"):
+        with pytest.raises(ValueError, match=r"watched on a page: out must end in .html, got"):
+            save_page_of(tmp_path / "population.nc", out)
 
 
 def test_a_life_is_followed_to_its_end_with_noise():

@@ -102,22 +102,29 @@ def compare(
 def watch(
     policy: Annotated[
         str,
-        typer.Argument(help="A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal."),
+        typer.Argument(
+            help="A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal; "
+            "or a population.nc, for a page."
+        ),
     ],
     experiment: Annotated[
         str | None, typer.Option(help="World to watch it in; default: the policy's own.")
     ] = None,
-    cells: Annotated[int, typer.Option(help="How many cells.")] = 40,
-    life: Annotated[float, typer.Option(help="Length of a life, t_life.")] = 80.0,
-    seed: Annotated[int, typer.Option(help="Seed of the starts.")] = 0,
+    cells: Annotated[int | None, typer.Option(help="How many cells; default: 40.")] = None,
+    life: Annotated[float | None, typer.Option(help="Length of a life, t_life; default: 80.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the starts; default: 0.")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="A film (.mp4, .gif) or a page (.html); without: a window.")
+        Path | None,
+        typer.Option(help="A film (.mp4, .gif) or a page (.html); without: a window."),
+    ] = None,
+    size: Annotated[
+        int | None, typer.Option(help="Height of a film in pixels; default: 720, of a .gif 360.")
     ] = None,
 ) -> None:
     """Watch a policy steer a swarm."""
     from trainers import commands
 
-    commands.watch_from(policy, experiment, cells, life, seed, out)
+    commands.watch_from(policy, experiment=experiment, cells=cells, life=life, seed=seed, out=out, size=size)
 
 
 @app.command()

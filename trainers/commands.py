@@ -107,25 +107,44 @@ def swept(
 
 
 def watch_from(
-    policy: str, experiment: str | None, cells: int, life: float, seed: int, out: Path | None
+    policy: str,
+    *,
+    experiment: str | None = None,
+    cells: int | None = None,
+    life: float | None = None,
+    seed: int | None = None,
+    out: Path | None = None,
+    size: int | None = None,
 ) -> None:
-    """`swarm watch`."""
+    """`swarm watch`, of a policy or of a stored population."""
     from rich.progress import Progress
 
     from swarm.policy_files import PolicyError
     from trainers import watching
 
     try:
-        watching.check_target(out)
-        world = test_settings(policy, experiment).test_world().replace(life=life)
+        if Path(policy).suffix.lower() == watching.POPULATION:
+            given = {"--experiment": experiment, "--life": life, "--seed": seed, "--size": size}
+            for option, value in given.items():
+                if value is not None:
+                    raise ValueError(
+                        f"{option} must be left out, {policy} holds lives as they were: got {value}"
+                    )
+            watching.save_page_of(
+                Path(policy), out, cells=None if cells is None else check_count("cells", cells)
+            )
+            return print(f"written to {out}")
+        watching.check_target(out, size)
+        world = test_settings(policy, experiment).test_world().replace(life=80.0 if life is None else life)
         with Progress(transient=True, disable=out is None or not sys.stderr.isatty()) as bar:
             task = bar.add_task("drawing", total=None)
             watching.watch(
                 policy,
                 world,
-                cells=cells,
-                seed=seed,
+                cells=40 if cells is None else cells,
+                seed=seed or 0,
                 out=out,
+                size=size,
                 progress=lambda done, most: bar.update(task, completed=done, total=most),
             )
     except ImportError as error:

@@ -15,19 +15,25 @@ from swarm.render import Viewer
 from swarm.starts import NOISE_BLOCK, draw_noise, draw_starts
 from swarm.streams import generator
 from swarm.world import State, World
+from trainers.films import FORMS, check_encoder, check_size, write_film
 
-FILMS = (".mp4", ".gif", ".webm")
 PAGE = ".html"
-FPS = 24  # pictures per second of a film
-FRAMES = 2  # pictures of a decision
+WINDOW_FPS = 24  # pictures per second in a window
+POPULATION = ".nc"
 
 
-def check_target(out: Path | None) -> None:
-    """Raises ValueError or FileExistsError unless a film or a page can be written there."""
+def check_target(out: Path | None, size: int | None = None) -> None:
+    """Raises ValueError or an OSError unless a film or a page can be written there, in this size."""
+    suffix = "" if out is None else out.suffix.lower()
+    if size is not None and suffix not in FORMS:
+        raise ValueError(f"size must come with a film, --out FILE with {', '.join(FORMS)}, got {size}")
     if out is None:
         return
-    if out.suffix.lower() not in (*FILMS, PAGE):
-        raise ValueError(f"out must end in {', '.join((*FILMS, PAGE))}, got {out}")
+    if suffix not in (*FORMS, PAGE):
+        raise ValueError(f"out must end in {', '.join((*FORMS, PAGE))}, got {out}")
+    if suffix in FORMS:
+        check_size(size, suffix)
+        check_encoder(suffix)
     if out.exists():
         raise FileExistsError(f"{out} must be a new file: what is there is never overwritten")
     if not out.resolve().parent.is_dir():
@@ -57,16 +63,18 @@ def watch(
     cells: int = 40,
     seed: int = 0,
     out: Path | None = None,
+    size: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Show a policy in a window, or write a film (.mp4, .gif, .webm) or a page (.html), whole or not at all.
+    """Show a policy in a window, or write a film (.mp4, .gif) or a page (.html), whole or not at all.
 
-    `progress` is called with the decisions that are done and the most there can be. Raises PolicyError for
-    a policy that cannot be had.
+    `size` is the height of a film in pixels. `progress` is called with the decisions that are done and the
+    most there can be. Raises PolicyError for a policy that cannot be had.
     """
-    check_target(out)
+    check_target(out, size)
     player = named_policy(policy, world)
-    if out is not None and out.suffix.lower() == PAGE:
+    suffix = "" if out is None else out.suffix.lower()
+    if out is not None and suffix == PAGE:
         from swarm.page import save_page
 
         label = policy if policy in STRATEGIES else LEARNT
@@ -76,16 +84,31 @@ def watch(
             title=policy,
         )
         return
-    viewer = Viewer(world, window=out is None, fps=FPS)
+    viewer = Viewer(world, window=out is None, fps=WINDOW_FPS)
+    followed = _followed(viewer, world, player, cells, seed, FORMS[suffix].frames if out else 1, progress)
     try:
         if out is None:
-            for _ in _followed(viewer, world, player, cells, seed, progress):
+            for _ in followed:
                 pass
         else:
             with files.replacing(out) as temporary:
-                _film(temporary, out.suffix.lower(), _followed(viewer, world, player, cells, seed, progress))
+                write_film(temporary, suffix, followed, check_size(size, suffix))
     finally:
         viewer.close()
+
+
+def save_page_of(population: Path, out: Path | None, *, cells: int | None = None) -> None:
+    """Write the page of a population test that was stored, whole or not at all.
+
+    Raises ResultsError for a file that holds none, ValueError for an `out` that is no page.
+    """
+    from swarm.page import save_page
+    from swarm.results import load_population
+
+    if out is None or out.suffix.lower() != PAGE:
+        raise ValueError(f"a stored population is watched on a page: out must end in {PAGE}, got {out}")
+    check_target(out)
+    save_page(load_population(population), out, title="/".join(population.parts[-2:]), cells=cells)
 
 
 def _followed(
@@ -94,29 +117,13 @@ def _followed(
     policy: Any,
     cells: int,
     seed: int,
+    frames: int,
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[np.ndarray]:
-    """Pictures of the life."""
+    """Pictures of the life, `frames` for each decision."""
     for done, state in enumerate(states(world, policy, cells, seed)):
         viewer.follow(state)
         if viewer.window is None:
-            yield from (viewer.picture((i + 1) / FRAMES) for i in range(FRAMES if done else 1))
+            yield from (viewer.picture((i + 1) / frames) for i in range(frames if done else 1))
         if progress is not None:
             progress(done, world.max_decisions)
-
-
-def _film(path: Path, suffix: str, pictures: Iterator[np.ndarray]) -> None:
-    """Encode pictures by imageio, which tells kinds of film by their endings."""
-    import imageio.v2 as imageio
-
-    options: dict[str, Any] = {"fps": FPS, "macro_block_size": 2}
-    if suffix == ".gif":
-        options = {"duration": 1000 / FPS, "loop": 0}
-    named = path.with_name(path.name + suffix)
-    try:
-        with imageio.get_writer(named, **options) as writer:
-            for picture in pictures:
-                writer.append_data(picture)  # type: ignore[attr-defined]
-        named.replace(path)
-    finally:
-        named.unlink(missing_ok=True)
