@@ -4,7 +4,6 @@ pip install stable-baselines3
 python examples/stable_baselines3_dqn.py
 """
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -58,10 +57,8 @@ def main(steps: int = 100_000, cells: int = 40, life: float = 200.0) -> float:
     model = DQN("MlpPolicy", Cells(swarm.SpermSwarmVector(cells)), batch_size=512, seed=0, **often, **slow)
     model.learn(steps)
 
-    def act(world: swarm.World, state: Any, uniform: np.ndarray) -> np.ndarray:
-        return model.predict(world.observation(state), deterministic=True)[0]
-
-    results = swarm.population_test(swarm.World(), {"dqn": SimpleNamespace(act=act)}, life=life)
+    learnt = swarm.FromObservation(lambda seen: model.predict(seen, deterministic=True)[0])
+    results = swarm.population_test(swarm.World(), {"dqn": learnt}, life=life)
     print(results["gain"].mean("cell").to_series())
     return float(results["gain"].sel(policy="dqn").mean())
 

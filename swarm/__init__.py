@@ -19,7 +19,7 @@ from swarm.flows import (
     Vortex,
 )
 from swarm.sperm_swarm_v0 import parallel_env
-from swarm.strategies import Greedy, Random, Swinging
+from swarm.strategies import FromObservation, Greedy, Random, Swinging
 from swarm.world import World
 
 __version__ = "0.1.0"
@@ -39,6 +39,7 @@ _LAZY = {
 
 __all__ = [
     "DiffusingSource",
+    "FromObservation",
     "FunctionField",
     "FunctionFlow",
     "GaussianPlume",

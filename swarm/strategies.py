@@ -6,10 +6,12 @@ actions, on any array library and with any leading axes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
+from array_api_compat import is_array_api_obj
 
 from swarm.arrays import as_array, namespace
 
@@ -92,6 +94,39 @@ class Random:
         action = xp.astype(uniform * world.n_actions, xp.int32)
         top = xp.full_like(action, world.n_actions - 1)
         return xp.minimum(action, top)  # in float32 a number below 1 may round up
+
+
+@dataclass(frozen=True)
+class FromObservation:
+    """What any function of the observation chooses, a model of another library for instance.
+
+    `function` gets the observations of all cells at once (..., cells, N_T · features) in float32, of the
+    library that the world runs on, and returns whole numbers 0 … m − 1 (..., cells) as an array, tensor or
+    list. Raises TypeError for something that cannot be called; `act` raises ValueError for actions of
+    another shape or kind, or that the world does not have.
+    """
+
+    function: Callable[[Array], Any]
+
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            raise TypeError(f"function must map observations to actions, got {self.function!r}")
+
+    def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
+        """Actions (..., cells)."""
+        chosen = self.function(world.observation(state))
+        if not is_array_api_obj(chosen):
+            chosen = np.asarray(chosen)
+        xp, cells = namespace(chosen), tuple(state.clock.shape[: state.memory.ndim - 2])
+        if tuple(chosen.shape) != cells or not xp.isdtype(chosen.dtype, "integral"):
+            raise ValueError(
+                f"actions must be whole numbers, one for each cell {cells}, got {chosen.dtype} of shape "
+                f"{tuple(chosen.shape)}"
+            )
+        low, high = int(xp.min(chosen)), int(xp.max(chosen))
+        if low < 0 or high >= world.n_actions:
+            raise ValueError(f"actions must lie in 0 … {world.n_actions - 1}, got {low if low < 0 else high}")
+        return as_array(chosen, state.memory, dtype=namespace(state.memory).int32)
 
 
 def _last_action(world: World, state: State) -> Array:

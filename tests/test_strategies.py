@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from array_api_compat import array_namespace
 from physics import array, to_numpy
 
+from swarm.network import load_policy
+from swarm.population import population_test
 from swarm.starts import draw_starts
-from swarm.strategies import Greedy, Policy, Random, Swinging
+from swarm.strategies import FromObservation, Greedy, Policy, Random, Swinging
 from swarm.world import World
 
 THREE = (3.0, 4.0, 5.0)
@@ -125,3 +128,65 @@ def test_leading_axes_and_the_library_change_nothing(xp, strategy, options):
         assert (to_numpy(many).ravel() == action).all()
         flat, _ = world.step(flat, action)
         folded, _ = world.step(folded, many)
+
+
+def above_the_mean(observation):
+    return array_namespace(observation).astype(observation[..., 0] > 0, array_namespace(observation).int32)
+
+
+def test_a_function_of_the_observation_steers_as_a_policy_written_out_does(xp):
+    world = World()
+    state = state_with(xp, world, np.array([[9.0, 1, 2, 3], [0, 1, 2, 3]]), [0, 1])
+    policy = FromObservation(above_the_mean)
+    assert isinstance(policy, Policy)
+    action = policy.act(world, state)
+    assert to_numpy(action).tolist() == [1, 0]
+    assert action.dtype == xp.int32
+    assert type(action) is type(state.memory)
+
+
+def test_a_network_as_a_function_lives_the_networks_own_lives():
+    network = load_policy("zoo:linear_n4")
+    contest = {"one": network, "other": FromObservation(network)}
+    gain = population_test(World(), contest, cells=5, life=30, record=False, limit=False)["gain"]
+    assert np.array_equal(gain.sel(policy="one"), gain.sel(policy="other"))
+
+
+@pytest.mark.parametrize("kind", [list, np.asarray])
+def test_a_function_may_return_lists_and_numpy_arrays(xp, kind):
+    world = World()
+    state = state_with(xp, world, np.zeros((3, 4)), [0, 0, 0])
+    action = FromObservation(lambda seen: kind([0, 1, 1])).act(world, state)
+    assert type(action) is type(state.memory)
+    assert to_numpy(action).tolist() == [0, 1, 1]
+
+
+def test_a_function_may_have_leading_axes():
+    world = World()
+    state = world.start(np.zeros((2, 3, 2)), np.zeros((2, 3)), np.zeros((2, 3, 4), int))
+    assert FromObservation(above_the_mean).act(world, state).shape == (2, 3)
+
+
+@pytest.mark.parametrize("options", [{}, {"interval_rule": "exact", "varying_speed": True}])
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        ([0, 1], r"one for each cell \(3,\), got int64 of shape \(2,\)"),
+        ([[0, 1, 1]], r"one for each cell \(3,\), got int64 of shape \(1, 3\)"),
+        (1, r"one for each cell \(3,\)"),
+        ([0.0, 1.0, 0.0], "actions must be whole numbers, .* got float64"),
+        ([True, False, True], "actions must be whole numbers, .* got bool"),
+        (None, "actions must be whole numbers, .* got object"),
+        ([0, 2, 1], r"actions must lie in 0 … 1, got 2"),
+        ([-1, 0, 1], r"actions must lie in 0 … 1, got -1"),
+    ],
+)
+def test_a_function_that_returns_no_actions_is_told(chosen, message, options):
+    policy, world = FromObservation(lambda observation: chosen), World(**options)
+    with pytest.raises(ValueError, match=message):
+        population_test(world, {"wrong": policy}, cells=3, life=2, limit=False)
+
+
+def test_something_that_is_no_function_is_refused():
+    with pytest.raises(TypeError, match="function must map observations to actions, got 3"):
+        FromObservation(3)
