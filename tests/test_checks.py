@@ -22,7 +22,15 @@ from swarm.checks import (
     check_point,
 )
 from swarm.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
-from swarm.flows import FunctionFlow, PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, Vortex
+from swarm.flows import (
+    FunctionFlow,
+    PoiseuilleFlow,
+    ShearFlow,
+    StillWater,
+    TaylorGreen,
+    UniformFlow,
+    Vortex,
+)
 from swarm.world import FIELDS, FLOWS, World
 
 
@@ -200,6 +208,20 @@ def test_curvatures_rise_evenly_or_are_an_error(values):
         assert any(word in str(error) for word in ("curvature", "κ̄"))
 
 
+class Still(UniformFlow):
+    """A flow with scales of its own."""
+
+    def __init__(self, speed_scale, spin_scale, length_unit=None):
+        super().__init__()
+        for name, value in (("length_unit", length_unit), ("spin_scale", spin_scale)):
+            object.__setattr__(self, name, value)
+        self.__dict__["speed"] = speed_scale
+
+    @property
+    def speed_scale(self):
+        return self.__dict__.get("speed", 1.0)
+
+
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
@@ -223,8 +245,12 @@ def test_curvatures_rise_evenly_or_are_an_error(values):
         ({"time_step": 1e-9}, "time_step must leave at most 10000 steps per decision, got time_step = 1e-09"),
         ({"time_step": 5e-324}, "time_step must leave at most 10000 steps per decision"),
         ({"life": 1e30}, r"life must be at most 2\^30 ticks of 0\.02, got 1e\+30"),
-        ({"speed": 1e-300}, "mean curvature × speed must lie between 1e-9 and 1e9"),
-        ({"speed": 1e300}, "mean curvature × speed must lie between 1e-9 and 1e9"),
+        ({"life": 3e7}, r"life must be at most 2\^30 ticks of 0\.02, got 3e\+07"),
+        (
+            {"speed": 1e-300},
+            r"mean curvature × speed must lie between 1e-9 and 1e9 .*, got \(4e-300, 4e-300\)",
+        ),
+        ({"speed": 1e300}, r"mean curvature × speed must lie between 1e-9 and 1e9 .*, got \(4e\+300, "),
         (
             {"interval_rule": "exakt"},
             "interval_rule must be one of exact, truncated, got 'exakt'; did you mean 'exact'",
@@ -240,6 +266,15 @@ def test_curvatures_rise_evenly_or_are_an_error(values):
         (
             {"sense_flow": True},
             "sense_flow needs a flow with speed_scale and spin_scale above 0.*got speed_scale 0",
+        ),
+        ({"sense_flow": True, "flow": Still(0.1, 0.0)}, "sense_flow needs .*got .*0.1 and spin_scale 0"),
+        (
+            {"sense_flow": True, "flow": Still(0.0, 0.1)},
+            "sense_flow needs .*got speed_scale 0 and spin_scale 0.1",
+        ),
+        (
+            {"flow": TaylorGreen(speed_scale=1e3, wavenumber=1e3)},
+            "flow must vary slowly enough to be followed",
         ),
         ({"sense_flow": 1}, "sense_flow must be True or False, got 1"),
         ({"start_box": ((1.0, 0.0), (0.0, 1.0))}, "start_box must be .*low <= high, got"),
@@ -300,6 +335,29 @@ def test_an_egg_without_a_position_lies_at_the_origin():
             return position[..., 1]
 
     assert World(field=Nest()).egg == ((0.0, 0.0), 0.5)
+
+
+def test_a_world_of_lists_is_the_world_of_tuples():
+    lists = World(curvatures=[3, 5], speeds=[1.2, 0.8], start_box=[[0, 1], [2, 3]])
+    tuples = World(curvatures=(3.0, 5.0), speeds=(1.2, 0.8), start_box=((0.0, 1.0), (2.0, 3.0)))
+    assert lists == tuples
+    assert hash(lists) == hash(tuples)
+
+
+def test_a_field_and_a_flow_must_measure_in_the_same_unit():
+    class Height(LinearField):
+        length_unit = "mm"
+
+    flow = {unit: Still(0.1, 0.1, unit) for unit in ("mm", "m", None)}
+    for unit in ("mm", None):
+        World(field=Height(), flow=flow[unit])
+    World(flow=flow["m"])
+    with pytest.raises(ValueError, match=r"positions in the same unit, got \['m', 'mm'\]"):
+        World(field=Height(), flow=flow["m"])
+
+
+def test_a_life_may_be_as_long_as_its_ticks_can_be_counted():
+    assert World(life=2e7).life_ticks == 10**9
 
 
 def test_parameters_of_a_world_are_kept_as_plain_numbers():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -119,14 +120,14 @@ def test_in_a_uniform_flow_the_arc_is_carried_along(xp, cells):
     np.testing.assert_allclose(with_flow, without, rtol=0, atol=1e-14 * 20)
 
 
-def error_of(scheme, flow, duration):
+def error_of(scheme, flow, duration, *, speed=1.0, curvature=4.0):
     rng = np.random.default_rng(2)
     position, angle = rng.uniform(0, 20, (CELLS, 2)), rng.uniform(-np.pi, np.pi, CELLS)
-    start, ones = pose(np, position, angle), np.ones(CELLS)
+    start, speeds = pose(np, position, angle), np.full(CELLS, speed)
     durations = np.full(CELLS, duration)
-    motions = scheme.motions(4 * ones, ones, durations)
-    after, _ = scheme.swim(start, motions, ones, durations, scheme.weights, flow)
-    expected = reference(position, start.heading, 4.0, 1.0, duration, flow)
+    motions = scheme.motions(np.full(CELLS, curvature), speeds, durations)
+    after, _ = scheme.swim(start, motions, speeds, durations, scheme.weights, flow)
+    expected = reference(position, start.heading, curvature, speed, duration, flow)
     return np.abs(place_and_heading(after) - expected).max()
 
 
@@ -157,8 +158,116 @@ def test_the_error_estimate_bounds_the_error():
             assert error_of(scheme, flow, duration) < swimmer.TOLERANCE, (flow, scheme)
 
 
+@pytest.mark.parametrize(
+    ("flow", "duration", "speed", "curvature"),
+    [
+        (TaylorGreen(speed_scale=1e-3, wavenumber=10.0), 3.0, 0.01, 0.1),  # its heading is what limits it
+        (TaylorGreen(speed_scale=1.0, wavenumber=0.1), 0.18, 1.0, 4.0),  # its position is
+        (TaylorGreen(speed_scale=1.0, wavenumber=10.0), 0.18, 10.0, 0.1),  # small scales, crossed quickly
+    ],
+)
+def test_the_tolerance_holds_for_slow_and_fast_cells(flow, duration, speed, curvature):
+    length = speed * duration
+    scheme = Collocation.for_interval(flow, curvature * length, length, duration)
+    assert error_of(scheme, flow, duration, speed=speed, curvature=curvature) < swimmer.TOLERANCE
+
+
+def estimated(flow, *, unit_of_time=1.0):
+    """The error estimate for three quarters of a turn in `duration` 0.4."""
+    return swimmer.error_estimate(flow, 4.7, 1.2, 0.4 * unit_of_time, 4, 3, 2)
+
+
+def test_the_error_estimate_knows_a_flow_by_its_bounds_or_else_by_its_scales():
+    scales = SimpleNamespace(speed_scale=0.3, spin_scale=0.6)
+    expected = estimated(scales)
+    bounded = SimpleNamespace(speed_scale=9.0, spin_scale=9.0, max_speed=0.3, max_spin=0.6)
+    assert estimated(bounded) == expected
+    assert estimated(SimpleNamespace(**vars(bounded) | {"max_speed": None})) > expected
+    assert estimated(SimpleNamespace(**vars(bounded) | {"max_spin": None})) > expected
+    strained = SimpleNamespace(**vars(bounded) | {"max_spin": 0.0, "max_shear": 0.6})
+    assert estimated(strained) == expected
+    assert estimated(SimpleNamespace(**vars(bounded) | {"max_shear": 0.1})) == expected
+
+
+def test_the_error_estimate_does_not_depend_on_the_unit_of_time():
+    for unit in (0.01, 60.0):
+        flow = SimpleNamespace(speed_scale=0.3 / unit, spin_scale=0.6 / unit)
+        expected = estimated(SimpleNamespace(speed_scale=0.3, spin_scale=0.6))
+        assert estimated(flow, unit_of_time=unit) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_flow_that_turns_cells_without_moving_them_is_followed():
+    class Turning(StillWater):
+        speed_scale = max_speed = 0.0
+        spin_scale = max_spin = 1.5
+
+        def spin(self, position):
+            return np.full_like(position[..., 0], self.spin_scale)
+
+    scheme = Collocation.for_interval(Turning(), 1.5, 0.38, 0.38)
+    assert error_of(scheme, Turning(), 0.38) < swimmer.TOLERANCE
+
+
+@pytest.mark.parametrize("flow", [*FLOWS, TaylorGreen(speed_scale=1.0, wavenumber=10.0), TaylorGreen(1e-7)])
+@pytest.mark.parametrize("duration", [0.02, 0.38, 3.0])
+def test_the_scheme_is_the_cheapest_that_keeps_the_tolerance(flow, duration):
+    def cost(nodes, sweeps, substeps):
+        return substeps * sweeps * (nodes + 3)
+
+    found = Collocation.for_interval(flow, 4 * duration, duration, duration)
+    enough = (
+        cost(nodes, sweeps, substeps)
+        for substeps in swimmer.SUBSTEPS
+        for nodes, sweeps in itertools.product((3, 4, 5, 6), (2, 3, 4, 5, 6))
+        if swimmer.error_estimate(flow, 4 * duration, duration, duration, nodes, sweeps, substeps)
+        <= swimmer.TOLERANCE
+    )
+    assert 3 <= found.nodes <= 6
+    assert 2 <= found.sweeps <= 6
+    assert cost(found.nodes, found.sweeps, found.substeps) == min(enough)
+
+
+def test_outputs_are_no_further_apart_than_wanted_and_no_more_than_needed():
+    flow = TaylorGreen(speed_scale=1.0, wavenumber=1.0)
+    assert Collocation.for_interval(flow, 1.5, 0.38, 0.38).outputs == 0
+    for duration, spacing in itertools.product((0.38, 0.78, 3.0), (0.02, 0.019, 0.3, 5.0)):
+        scheme = Collocation.for_interval(flow, 4 * duration, duration, duration, spacing)
+        substep = duration / scheme.substeps
+        assert scheme.outputs >= 1
+        assert substep / scheme.outputs <= spacing * (1 + 1e-6)
+        assert scheme.outputs == 1 or substep / (scheme.outputs - 1) > spacing * (1 - 1e-6)
+
+
+def test_several_cells_swim_by_the_scheme_of_the_longest_and_most_curved_interval(monkeypatch):
+    asked = []
+    choose = Collocation.for_interval
+
+    def recorded(flow, *interval):
+        asked.append(interval)
+        return choose(flow, *interval)
+
+    monkeypatch.setattr(Collocation, "for_interval", recorded)
+    start = pose(np, np.zeros((3, 2)), np.zeros(3))
+    curvature, speed = np.array([3.0, -5.0, 4.0]), np.array([0.5, 2.0, 1.0])
+    swimmer.swim(start, curvature, speed, np.array([-0.3, 0.1, -0.2]), TaylorGreen())
+    assert asked == [(5.0 * 2.0 * 0.1, 0.2, 0.3)]
+
+
+def test_a_flow_that_gives_velocity_and_spin_at_one_go_is_asked_once(xp, cells):
+    class AtOneGo(TaylorGreen):
+        def velocity(self, position):
+            raise AssertionError
+
+        spin = velocity
+
+    np.testing.assert_array_equal(
+        place_and_heading(swum(xp, cells, 0.38, flow=AtOneGo())),
+        place_and_heading(swum(xp, cells, 0.38, flow=TaylorGreen())),
+    )
+
+
 def test_a_flow_that_varies_too_fast_to_follow_is_an_error():
-    with pytest.raises(ValueError, match=r"flow must vary slowly enough.*got speed_scale = 1000"):
+    with pytest.raises(ValueError, match=r"flow must vary slowly.* in 888 substeps .*got speed_scale = 1000"):
         Collocation.for_interval(TaylorGreen(speed_scale=1e3, wavenumber=1e3), 2.0, 0.38, 0.38)
 
 
