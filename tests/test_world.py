@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -503,6 +504,36 @@ def test_leading_axes_are_many_worlds(xp, flow, rule):
             )
 
 
+@pytest.mark.parametrize("rule", ["truncated", "exact"])
+def test_a_start_has_an_entry_for_each_cell_of_each_world(xp, rule):
+    world = World(varying_speed=True, interval_rule=rule)
+    position, heading, past = draw_starts(world, 6, 0)
+    state = world.start(
+        array(xp, position.reshape(2, 3, 2)),
+        array(xp, heading.reshape(2, 3)),
+        array(xp, past.reshape(2, 3, 4)),
+    )
+    counters = () if world.has_common_tick else (2,)
+    assert state.clock.shape == (2, 3, *counters)
+    assert state.start_concentration.shape == state.finished.shape == (2, 3)
+    assert state.memory.shape == (2, 3, 4, 2)
+    assert state.finished.dtype == xp.bool
+
+
+def test_tables_are_made_once_for_each_library_and_precision(xp):
+    world = World(flow="taylor_green", varying_speed=True)
+    double, single = (array(xp, np.zeros(3), dtype) for dtype in (xp.float64, xp.float32))
+    tables = {dtype: world.tables(like) for dtype, like in (("double", double), ("single", single))}
+    assert tables["double"].rows.dtype == tables["double"].weights.dtype == xp.float64
+    assert tables["single"].rows.dtype == tables["single"].weights.dtype == xp.float32
+    if type(double).__module__ in ("numpy", "torch"):
+        assert world.tables(2 * double) is tables["double"]
+        assert world.tables(2 * single) is tables["single"]
+    assert tables["double"].whole.shape == (2,)
+    assert World().tables(double).whole.shape == (1,)
+    assert World().tables(double).weights is None
+
+
 def test_the_past_of_a_start_does_not_move_its_pose():
     starts = {n: draw_starts(World(n_records=n), 20, 5) for n in (2, 4, 8)}
     for n in (4, 8):
@@ -626,7 +657,9 @@ def test_a_perturbed_world_needs_noise_of_every_cell(channel):
     world = World(**{channel: 0.1})
     state = begin(np, world, 3)
     for noise in (None, np.zeros((3, 2)), np.zeros((1, 3)), np.zeros(3)):
-        with pytest.raises(ValueError, match=r"noise must be standard normal numbers \(3, 3\)"):
+        got = None if noise is None else noise.shape
+        rule = rf"noise must be standard normal numbers \(3, 3\), .* got {re.escape(str(got))}$"
+        with pytest.raises(ValueError, match=rule):
             world.step(state, np.zeros(3, int), noise)
 
 
@@ -663,6 +696,18 @@ def test_a_start_that_is_not_a_number_names_the_cell(xp):
     heading[2] = np.inf
     with pytest.raises(ValueError, match=r"heading must be finite, got inf for cell 2"):
         World().start(array(xp, np.zeros((3, 2))), array(xp, heading), array(xp, past, xp.int64))
+
+
+def test_a_cell_among_many_worlds_is_named(xp):
+    position, heading, past = np.zeros((2, 3, 2)), np.zeros((2, 3)), np.zeros((2, 3, 4), int)
+    for part, bad, message in (
+        (position, np.nan, "position must be finite, got nan, 0 for cell 2"),
+        (past, 7, "past must hold actions from 0 to 1, got 7, 0, 0, 0 for cell 2"),
+    ):
+        part[1, 2, 0] = bad
+        with pytest.raises(ValueError, match=message):
+            World().start(array(xp, position), array(xp, heading), array(xp, past, xp.int64))
+        part[1, 2, 0] = 0
 
 
 def test_a_start_outside_the_domain_names_the_cell(xp):
