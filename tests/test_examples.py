@@ -81,6 +81,14 @@ class TestText:
                 continue
             assert not [name for name in names if name.startswith("_") and not name.endswith("__")]
 
+    def test_uses_only_modules_that_are_documented(self, path):
+        api = (FOLDER.parent / "docs" / "api.md").read_text(encoding="utf-8")
+        for node in ast.walk(tree(path)):
+            modules = [node.module] if isinstance(node, ast.ImportFrom) else []
+            modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in modules:
+                assert name.split(".")[0] not in OURS or name in OURS or f"::: {name}\n" in api
+
     def test_what_it_takes_from_here_is_there(self, path):
         for node in ast.walk(tree(path)):
             if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in OURS:
