@@ -22,7 +22,7 @@ def test_every_block_of_the_page_runs(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "my_field.png").stat().st_size > 10_000
     shown = capsys.readouterr().out
     assert "GriddedField(81 × 41 points" in shown
-    assert "swinging" in shown
+    assert "dqn" in shown
     gains = names["results"]["gain"].sel(policy="greedy").values
     assert np.all(np.isfinite(gains))
     assert gains.mean() > 1.0  # the greedy strategy climbs this plume
