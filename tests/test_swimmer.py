@@ -164,6 +164,7 @@ def test_the_error_estimate_bounds_the_error():
         (TaylorGreen(speed_scale=1e-3, wavenumber=10.0), 3.0, 0.01, 0.1),  # its heading is what limits it
         (TaylorGreen(speed_scale=1.0, wavenumber=0.1), 0.18, 1.0, 4.0),  # its position is
         (TaylorGreen(speed_scale=1.0, wavenumber=10.0), 0.18, 10.0, 0.1),  # small scales, crossed quickly
+        (TaylorGreen(speed_scale=3.0, wavenumber=10.0), 0.38, 10.0, 0.1),  # neighbours part e⁵-fold
     ],
 )
 def test_the_tolerance_holds_for_slow_and_fast_cells(flow, duration, speed, curvature):
@@ -208,7 +209,7 @@ def test_a_flow_that_turns_cells_without_moving_them_is_followed():
     assert error_of(scheme, Turning(), 0.38) < swimmer.TOLERANCE
 
 
-@pytest.mark.parametrize("flow", [*FLOWS, TaylorGreen(speed_scale=1.0, wavenumber=10.0), TaylorGreen(1e-7)])
+@pytest.mark.parametrize("flow", [*FLOWS, TaylorGreen(speed_scale=1.0, wavenumber=3.0), TaylorGreen(1e-7)])
 @pytest.mark.parametrize("duration", [0.02, 0.38, 3.0])
 def test_the_scheme_is_the_cheapest_that_keeps_the_tolerance(flow, duration):
     def cost(nodes, sweeps, substeps):
@@ -264,6 +265,13 @@ def test_a_flow_that_gives_velocity_and_spin_at_one_go_is_asked_once(xp, cells):
         place_and_heading(swum(xp, cells, 0.38, flow=AtOneGo())),
         place_and_heading(swum(xp, cells, 0.38, flow=TaylorGreen())),
     )
+
+
+def test_a_flow_in_which_paths_part_too_fast_to_follow_is_an_error():
+    flow = TaylorGreen(speed_scale=3.0, wavenumber=10.0)
+    for duration in (0.78, 1e3):
+        with pytest.raises(ValueError, match=r"flow must vary slowly.* interval of .*got speed_scale = 3"):
+            Collocation.for_interval(flow, 0.78, 7.8, duration)
 
 
 def test_a_flow_that_varies_too_fast_to_follow_is_an_error():
