@@ -79,6 +79,12 @@ def test_a_page_shows_the_policy(tmp_path):
     assert '"name": "swinging"' in (tmp_path / "swim.html").read_text(encoding="utf-8")
 
 
+def test_a_page_in_a_flow_does_not_wait_for_the_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr("swarm.population._limit", lambda *_: pytest.fail("computed"))
+    watch("greedy", World(life=2.0, flow="taylor_green"), cells=3, out=tmp_path / "swim.html")
+    assert '"limit": null' in (tmp_path / "swim.html").read_text(encoding="utf-8")
+
+
 def test_a_stored_population_becomes_the_same_page(tmp_path):
     results = population_test(World(), {"swinging": Swinging()}, cells=3, life=4.0, limit=False)
     save_population(results, tmp_path / "population.nc")

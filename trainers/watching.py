@@ -78,11 +78,9 @@ def watch(
         from swarm.page import save_page
 
         label = policy if policy in STRATEGIES else LEARNT
-        save_page(
-            population_test(world, {label: player}, cells=cells, life=world.life, seed=seed),
-            out,
-            title=policy,
-        )
+        quick = not world.in_flow  # the limit in a flow takes a minute or more
+        lives = population_test(world, {label: player}, cells=cells, life=world.life, seed=seed, limit=quick)
+        save_page(lives, out, title=policy)
         return
     viewer = Viewer(world, window=out is None, fps=WINDOW_FPS)
     followed = _followed(viewer, world, player, cells, seed, FORMS[suffix].frames if out else 1, progress)
