@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import itertools
 import random
 from collections.abc import Callable
 from time import process_time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -29,11 +30,6 @@ MARKS = (0.97, 0.99)
 AT_MOST = 0.5  # of Stable-Baselines3's time
 SEEDS, SEARCH_SEEDS = range(5), range(100, 103)
 EXPERIMENTS = ("linear_n4", "linear_n8")
-LONGEST, SEARCHED = (
-    20.0,
-    2.0,
-)  # seconds of training after which a seed is given up, when measured and in a search
-CHECK_EVERY = 24  # decisions
 # Found by `--search`; ours are the settings as shipped.
 STABLE_BASELINES3: dict[str, Any] = {}
 SPACE: dict[str, list[Any]] = {
@@ -50,27 +46,37 @@ SPACE: dict[str, list[Any]] = {
 }
 
 
+class Pace(NamedTuple):
+    """How long to wait for a learner, and how closely to look."""
+
+    longest: float  # seconds after which a seed is given up
+    every: float  # the policy is tested whenever so much more time is spent, as a part of what was
+
+
+MEASURED, SEARCHED = Pace(20.0, 0.05), Pace(2.0, 0.3)
+GIVE_UP = 0.5  # mean time, as a part of the longest, beyond which a search looks no further at settings
+
+
 class Watch:
     """A stopwatch that stands still while the policy is tested."""
 
-    def __init__(self, validation: Validation, longest: float) -> None:
+    def __init__(self, validation: Validation, pace: Pace) -> None:
         assert validation.limits is not None
-        self.validation, self.limit, self.longest = validation, float(validation.limits[0]), longest
-        self.spent, self.decisions, self.checked = 0.0, 0, 0
+        self.validation, self.limit, self.pace = validation, float(validation.limits[0]), pace
+        self.spent, self.checked = 0.0, 0.0
         self.reached = [float("inf")] * len(MARKS)
         self.since = process_time()
 
     @property
     def over(self) -> bool:
         """Whether there is nothing more to see."""
-        return max(self.reached) < float("inf") or self.spent > self.longest
+        return max(self.reached) < float("inf") or self.spent > self.pace.longest
 
-    def look(self, network: Any, decisions: int) -> None:
+    def look(self, network: Any) -> None:
         """After a round of updates: stop, test where that is due, go on."""
         self.spent += process_time() - self.since
-        self.decisions += decisions
-        if self.decisions >= self.checked + CHECK_EVERY:
-            self.checked = self.decisions
+        if self.spent >= self.checked * (1 + self.pace.every):
+            self.checked = self.spent
             with torch.inference_mode():
                 part = float(self.validation.gains(network)[0]) / self.limit
             for place, mark in enumerate(MARKS):
@@ -88,26 +94,26 @@ def settings_of(experiment: str, seed: int, changed: dict[str, Any]) -> Settings
     return settings_from([f"experiment={experiment}", f"seed={seed}", "compile=never", *words])
 
 
-def ours(experiment: str, seed: int, changed: dict[str, Any], longest: float) -> list[float]:
+def ours(experiment: str, seed: int, changed: dict[str, Any], pace: Pace) -> list[float]:
     """Seconds to each mark, infinite where training ends before."""
     training = Training(settings_of(experiment, seed, changed))
     learning, learn = training.settings.learning, training.learner.learn
 
     def watched(rate: Any) -> Any:
         result = learn(rate)
-        watch.look(training.learner.played, learning.collect)
+        watch.look(training.learner.played)
         return result
 
     training.learner.learn = watched  # type: ignore[method-assign]
     training._validate = lambda: np.full(1, np.nan)  # type: ignore[method-assign]
-    watch = Watch(training.validation, longest)
+    watch = Watch(training.validation, pace)
     with torch.inference_mode():
         while training.epoch < learning.epochs and not watch.over:
             training.run_epoch()
     return watch.reached
 
 
-def stable_baselines3(experiment: str, seed: int, changed: dict[str, Any], longest: float) -> list[float]:
+def stable_baselines3(experiment: str, seed: int, changed: dict[str, Any], pace: Pace) -> list[float]:
     """Seconds to each mark, infinite where training ends before."""
     from stable_baselines3 import DQN
     from stable_baselines3.common.callbacks import BaseCallback
@@ -124,7 +130,7 @@ def stable_baselines3(experiment: str, seed: int, changed: dict[str, Any], longe
             watch.since = process_time()
 
         def _on_rollout_start(self) -> None:  # after a round of updates
-            watch.look(Values(self.model.q_net.q_net), learning.collect)
+            watch.look(Values(self.model.q_net.q_net))
 
         def _on_step(self) -> bool:
             return not watch.over
@@ -151,7 +157,7 @@ def stable_baselines3(experiment: str, seed: int, changed: dict[str, Any], longe
         exploration_fraction=learning.epsilon_fraction,
         policy_kwargs={"net_arch": list(learning.hidden), "activation_fn": torch.nn.Tanh},
     )
-    watch = Watch(Validation(world.replace(life=checked.life), checked.cells, [seed]), longest)
+    watch = Watch(Validation(world.replace(life=checked.life), checked.cells, [seed]), pace)
     model.learn(total, callback=Looking())
     return watch.reached
 
@@ -177,7 +183,7 @@ def measure(experiment: str) -> list[dict[str, Any]]:
     times: dict[str, list[list[float]]] = {name: [] for name in chosen}
     for seed in SEEDS:
         for name, (learner, changed) in chosen.items():
-            times[name].append(learner(experiment, seed, changed, LONGEST))
+            times[name].append(learner(experiment, seed, changed, MEASURED))
     medians = {name: np.median(np.array(values), axis=0) for name, values in times.items()}
     rows = []
     for place, mark in enumerate(MARKS):
@@ -197,20 +203,27 @@ def measure(experiment: str) -> list[dict[str, Any]]:
 
 
 def search(learner: Callable[..., list[float]], seconds: float, seed: int) -> list[tuple[float, dict]]:
-    """Random settings for so long, on both experiments; the best by the mean time to all marks, first."""
+    """Settings by the mean time to all marks on both experiments, the best first.
+
+    Every second trial draws all settings, the other ones two settings of the best so far.
+    """
     draw, found = random.Random(seed), []
     end = process_time() + seconds
     while process_time() < end:
         changed = {name: draw.choice(values) for name, values in SPACE.items()}
+        if len(found) % 2:
+            redrawn = draw.sample(list(SPACE), 2)
+            changed = found[0][1] | {name: changed[name] for name in redrawn}
         times: list[float] = []
-        for trial in ((experiment, seed) for experiment in EXPERIMENTS for seed in SEARCH_SEEDS):
-            times += np.minimum(learner(*trial, changed, SEARCHED), SEARCHED).tolist()
-            if max(times) == SEARCHED:
+        for trial, experiment in itertools.product(SEARCH_SEEDS, EXPERIMENTS):
+            reached = learner(experiment, trial, changed, SEARCHED)
+            times += np.minimum(reached, SEARCHED.longest).tolist()
+            if np.mean(times) > GIVE_UP * SEARCHED.longest:
                 break
-        score = float(np.mean(times)) if max(times) < SEARCHED else SEARCHED
-        found.append((score, changed))
-        print(f"{score:8.3f}  {changed}", flush=True)
-    return sorted(found, key=lambda each: each[0])
+        found.append((float(np.mean(times)), changed))
+        print(f"{found[-1][0]:8.3f}  {changed}", flush=True)
+        found.sort(key=lambda each: each[0])
+    return found
 
 
 def run() -> list[dict[str, Any]]:

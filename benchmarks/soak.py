@@ -1,8 +1,9 @@
 """Training, checkpoints and stepping without pause: memory, open files and speed must not drift.
 
-Speed is per second of processor time, so that what else the machine does counts as little as possible. Run
-with `python -m benchmarks.soak [--minutes 60] [--out DIR]`; writes soak.csv and soak.png, and ends with exit
-code 1 where something drifts.
+Speed is that of the references of the other benchmarks divided by ours, in processor time of the same sample,
+so that what else the machine does counts as little as possible. Run with
+`python -m benchmarks.soak [--minutes 60] [--out DIR]`; writes soak.csv, soak.txt and soak.png, and ends with
+exit code 1 where something drifts.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import csv
 import dataclasses
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic, process_time
@@ -19,63 +21,98 @@ import numpy as np
 import torch
 
 import swarm
+from benchmarks.__main__ import as_table
+from benchmarks.pettingzoo_path import Leanest
+from benchmarks.plain_loop import PlainLoop
 from benchmarks.timing import resident_bytes
 from swarm import files
 from trainers import checkpoints, snapshots
 from trainers.composing import settings_from
 from trainers.training import Training
 
-COLUMNS = ("minutes", "megabytes", "open_files", "epochs_per_second", "steps_per_second", "checkpoints")
+COLUMNS = ("minutes", "megabytes", "open_files", "training_speed", "stepping_speed", "epochs", "steps")
 DRIFT = 0.1  # of memory and speed, last third against the middle third
 
 
-def measure(training: Training, env: swarm.parallel_env, seconds: float) -> tuple[float, float]:
-    """Epochs of training and PettingZoo steps per second of processor time, each for half of `seconds`."""
-    begun, used, epochs, steps = monotonic(), process_time(), 0, 0
-    with torch.inference_mode():
-        while monotonic() - begun < seconds / 2:
-            training.epoch = epochs = epochs + 1
-            training.run_epoch()
-            training.measures = training.measures[:0]
-    epochs_per_second, used = epochs / (process_time() - used), process_time()
-    while monotonic() - begun < seconds:
-        if not env.agents:
-            env.reset()
-        env.step(dict.fromkeys(env.agents, steps % 2))
-        steps += 1
-    return epochs_per_second, steps / (process_time() - used)
+def timed(call: Callable[[], object], seconds: float) -> tuple[float, int]:
+    """Processor time per call, and calls, within `seconds`."""
+    begun, used, calls = monotonic(), process_time(), 0
+    while calls == 0 or monotonic() - begun < seconds:
+        call()
+        calls += 1
+    return (process_time() - used) / calls, calls
 
 
-def soak(minutes: float, out: Path, every: float = 10.0) -> bool:
+class Work:
+    """What is done again and again, and what it is measured against."""
+
+    def __init__(self) -> None:
+        words = ["experiment=linear_n4", "learning.epochs=1000000", "validation.every=20", "compile=never"]
+        self.settings = settings_from(words)
+        self.training, self.plain = Training(self.settings), PlainLoop(self.settings)
+        self.env, self.reference = swarm.parallel_env(), Leanest(swarm.parallel_env())
+        self.env.reset(seed=0)
+        self.actions = dict.fromkeys(self.env.possible_agents, 1)
+
+    @torch.inference_mode()
+    def train(self) -> None:
+        """An epoch, with a validation every twentieth time."""
+        self.training.run_epoch()
+        self.training.measures = self.training.measures[:0]
+
+    def step(self) -> None:
+        """A decision of all swimmers."""
+        if not self.env.agents:
+            self.env.reset()
+        self.env.step(dict.fromkeys(self.env.agents, 1))
+
+    def save(self, folder: Path) -> None:
+        """A checkpoint."""
+        held = snapshots.tensors_of(self.training), snapshots.record_of(self.training)
+        checkpoints.write(folder, self.training.epoch, *held, dataclasses.asdict(self.settings))
+
+    def sample(self, seconds: float) -> tuple[float, float, int, int]:
+        """Speeds of training and stepping, and epochs and steps."""
+        train, epochs = timed(self.train, 0.5 * seconds)
+        plain, _ = timed(self.plain.epoch, 0.2 * seconds)
+        step, steps = timed(self.step, 0.2 * seconds)
+        nothing, _ = timed(lambda: self.reference.step(self.actions), 0.1 * seconds)
+        return plain / train, nothing / step, epochs, steps
+
+
+def soak(minutes: float, out: Path, every: float = 20.0) -> bool:
     """Sample until the time is over; whether nothing drifted."""
-    words = ["experiment=linear_n4", "learning.epochs=1000000", "validation.every=20", "compile=never"]
-    settings, env = settings_from(words), swarm.parallel_env()
-    training, stored = Training(settings), dataclasses.asdict(settings)
-    env.reset(seed=0)
+    work = Work()
     out.mkdir(parents=True, exist_ok=True)
     rows, begun = [], monotonic()
     with TemporaryDirectory(dir=out) as folder:
         while monotonic() - begun < 60 * minutes:
-            speeds = measure(training, env, every)
-            number = len(rows) + 1
-            held = snapshots.tensors_of(training), snapshots.record_of(training)
-            checkpoints.write(Path(folder), number, *held, stored)
+            sample = work.sample(every)
+            work.save(Path(folder))
             handles = len(list(Path("/proc/self/fd").iterdir()))
-            rows.append(((monotonic() - begun) / 60, resident_bytes() / 2**20, handles, *speeds, number))
+            rows.append(((monotonic() - begun) / 60, resident_bytes() / 2**20, handles, *sample))
     with files.replacing(out / "soak.csv") as path, path.open("w", newline="") as file:
         csv.writer(file).writerows([COLUMNS, *rows])
-    table = np.array(rows)
+    return report(np.array(rows), out)
+
+
+def report(table: np.ndarray, out: Path) -> bool:
+    """Print and write what the samples say, and draw them; whether nothing drifted."""
     third = len(table) // 3
     middle, last = table[third : 2 * third], table[-third:]
-    steady = True
+    rows: list[dict[str, object]] = []
     for place, name in enumerate(COLUMNS[1:5], start=1):
         before, after = np.median(middle[:, place]), np.median(last[:, place])
         worse = after / before - 1 if name in ("megabytes", "open_files") else before / after - 1
-        limit = 0 if name == "open_files" else DRIFT
-        steady &= worse <= limit
-        print(f"{name:20s}{before:12.2f} -> {after:12.2f}  {'steady' if worse <= limit else 'DRIFTS'}")
+        verdict = "steady" if worse <= (0 if name == "open_files" else DRIFT) else "drifts"
+        rows.append(
+            {"median": name, "middle third": f"{before:.4g}", "last third": f"{after:.4g}", "": verdict}
+        )
+    text = as_table(rows)
+    print(text)
+    files.write_text(out / "soak.txt", text)
     draw(table, out / "soak.png")
-    return steady
+    return all(row[""] == "steady" for row in rows)
 
 
 def draw(table: np.ndarray, path: Path) -> None:
