@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDict
 from torch import Tensor
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.data.replay_buffers.samplers import Sampler
@@ -24,7 +25,7 @@ class LossOutcome(NamedTuple):
 
 
 def dqn_loss(
-    online: QNetwork, target: QNetwork, batch: TensorDictBase, *, double: bool, kind: str
+    online: QNetwork, target: QNetwork, batch: Mapping[str, Tensor], *, double: bool, kind: str
 ) -> LossOutcome:
     """The DQN loss (paper: loss function; van Hasselt et al. 2016 with `double`) and its gradient.
 
@@ -121,9 +122,12 @@ class Learner:
         settings = self.settings
         for draws, seed in zip(self._draws, self.seeds, strict=True):
             draws.manual_seed(streams.integer_seed("training", "replay", seed, self.rounds))
-        batches = self.buffer.sample(settings.updates * settings.batch_size)
+        # Plain tensors: every look into a TensorDict takes as long as a small operation.
+        sampled = dict(self.buffer.sample(settings.updates * settings.batch_size).items())
         outcome = None
-        for batch in batches.split(settings.batch_size, dim=1):
+        for first in range(0, settings.updates * settings.batch_size, settings.batch_size):
+            rows = slice(first, first + settings.batch_size)
+            batch = {name: values[:, rows] for name, values in sampled.items()}
             outcome = dqn_loss(self.online, self.target, batch, double=settings.double, kind=settings.loss)
             self.online.flat.grad = outcome.gradient
             self.optimiser.param_groups[0]["lr"] = learning_rate(self.updates)
