@@ -384,3 +384,21 @@ def test_a_compiled_environment_lives_the_same_lives():
         assert torch.equal(one.truncated, other.truncated)
         if plain.state.finished.all():
             break
+
+
+def test_without_a_compiler_the_environment_goes_on_uncompiled_and_says_so(monkeypatch, capfd):
+    def without_compiler(function, **options):
+        def call(*arguments):
+            raise RuntimeError("no working C++ compiler found\nand much more")
+
+        return call
+
+    monkeypatch.setattr(torch, "compile", without_compiler)
+    plain, fast = environment(**VORTICES), environment(compile_step=True, **VORTICES)
+    assert torch.equal(plain.restart(), fast.restart())
+    for action, _ in zip(random_actions(plain), range(5), strict=False):
+        one, other = plain.advance(torch.as_tensor(action)), fast.advance(torch.as_tensor(action))
+        assert torch.equal(one.observation, other.observation)
+    said = capfd.readouterr().err
+    assert said.count("torch.compile does not work here, going on without") == 1
+    assert "RuntimeError: no working C++ compiler found\n" in said
