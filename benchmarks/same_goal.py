@@ -60,9 +60,10 @@ class Pace(NamedTuple):
 
     longest: float  # seconds after which a seed is given up
     every: float  # the policy is tested whenever so much more time is spent, as a part of what was
+    to_the_end: bool  # or only to the last mark
 
 
-MEASURED, SEARCHED = Pace(20.0, 0.05), Pace(2.0, 0.3)
+MEASURED, SEARCHED = Pace(20.0, 0.05, True), Pace(2.0, 0.3, False)
 GIVE_UP = 0.5  # mean time, as a part of the longest, beyond which a search looks no further at settings
 
 
@@ -79,15 +80,20 @@ class Watch:
     @property
     def over(self) -> bool:
         """Whether there is nothing more to see."""
-        return max(self.reached) < float("inf") or self.spent > self.pace.longest
+        done = max(self.reached) < float("inf") and not self.pace.to_the_end
+        return done or self.spent > self.pace.longest
+
+    def part_of_limit(self, network: Any) -> float:
+        """The greedy policy's mean gain as a fraction of the limit."""
+        with torch.inference_mode():
+            return float(self.validation.gains(network)[0]) / self.limit
 
     def look(self, network: Any) -> None:
         """After a round of updates: stop, test where that is due, go on."""
         self.spent += process_time() - self.since
-        if self.spent >= self.checked * (1 + self.pace.every):
+        if max(self.reached) == float("inf") and self.spent >= self.checked * (1 + self.pace.every):
             self.checked = self.spent
-            with torch.inference_mode():
-                part = float(self.validation.gains(network)[0]) / self.limit
+            part = self.part_of_limit(network)
             for place, mark in enumerate(MARKS):
                 if part > mark:
                     self.reached[place] = min(self.reached[place], self.spent)
@@ -104,7 +110,7 @@ def settings_of(experiment: str, seed: int, changed: dict[str, Any]) -> Settings
 
 
 def ours(experiment: str, seed: int, changed: dict[str, Any], pace: Pace) -> list[float]:
-    """Seconds to each mark, infinite where training ends before."""
+    """Seconds to each mark, infinite where it is not passed; then the last policy's part of the limit."""
     training = Training(settings_of(experiment, seed, changed))
     learning, learn = training.settings.learning, training.learner.learn
 
@@ -119,11 +125,11 @@ def ours(experiment: str, seed: int, changed: dict[str, Any], pace: Pace) -> lis
     with torch.inference_mode():
         while training.epoch < learning.epochs and not watch.over:
             training.run_epoch()
-    return watch.reached
+    return [*watch.reached, watch.part_of_limit(training.learner.played)]
 
 
 def stable_baselines3(experiment: str, seed: int, changed: dict[str, Any], pace: Pace) -> list[float]:
-    """Seconds to each mark, infinite where training ends before."""
+    """Seconds to each mark, infinite where it is not passed; then the last policy's part of the limit."""
     from stable_baselines3 import DQN
     from stable_baselines3.common.callbacks import BaseCallback
 
@@ -168,7 +174,7 @@ def stable_baselines3(experiment: str, seed: int, changed: dict[str, Any], pace:
     )
     watch = Watch(Validation(world.replace(life=checked.life), checked.cells, [seed]), pace)
     model.learn(total, callback=Looking())
-    return watch.reached
+    return [*watch.reached, watch.part_of_limit(Values(model.q_net.q_net))]
 
 
 class Values:
@@ -193,25 +199,24 @@ def measure(experiment: str) -> list[dict[str, Any]]:
     chosen = LEARNERS
     if importlib.util.find_spec("stable_baselines3") is None:
         chosen = {"ours": LEARNERS["ours"]}
-    times: dict[str, list[list[float]]] = {name: [] for name in chosen}
+    found: dict[str, list[list[float]]] = {name: [] for name in chosen}
     for seed in SEEDS:
         for name, (learner, changed) in chosen.items():
-            times[name].append(learner(experiment, seed, changed, MEASURED))
-    medians = {name: np.median(np.array(values), axis=0) for name, values in times.items()}
+            found[name].append(learner(experiment, seed, changed, MEASURED))
+    medians = {name: np.median(np.array(values), axis=0) for name, values in found.items()}
     rows = []
-    for place, mark in enumerate(MARKS):
-        for name, values in medians.items():
-            other = medians.get("Stable-Baselines3")
-            rows.append(
-                {
-                    "experiment": experiment,
-                    "learner": name,
-                    "mark": f"{mark:.0%}",
-                    "seconds": float(values[place]),
-                    "ratio": None if other is None else float(values[place] / other[place]),
-                    "at_most": AT_MOST if name == "ours" and other is not None else None,
-                }
-            )
+    for name, values in found.items():
+        row: dict[str, Any] = {"experiment": experiment, "learner": name}
+        for place, mark in enumerate(MARKS):
+            row[f"seconds to {mark:.0%}"] = float(medians[name][place])
+            if "Stable-Baselines3" in medians:
+                row[f"ratio at {mark:.0%}"] = float(
+                    medians[name][place] / medians["Stable-Baselines3"][place]
+                )
+        row["at most"] = AT_MOST if name == "ours" and len(found) > 1 else None
+        row["worst at the end"] = min(value[-1] for value in values)
+        row["median at the end"] = float(medians[name][-1])
+        rows.append(row)
     return rows
 
 
@@ -229,7 +234,7 @@ def search(learner: Callable[..., list[float]], seconds: float, seed: int) -> li
             changed = found[0][1] | {name: changed[name] for name in redrawn}
         times: list[float] = []
         for trial, experiment in itertools.product(SEARCH_SEEDS, EXPERIMENTS):
-            reached = learner(experiment, trial, changed, SEARCHED)
+            *reached, _ = learner(experiment, trial, changed, SEARCHED)
             times += np.minimum(reached, SEARCHED.longest).tolist()
             if np.mean(times) > GIVE_UP * SEARCHED.longest:
                 break
