@@ -43,7 +43,7 @@ soak: install ## hours of simulation, watching memory and speed
 mutate: install ## change the physics line by line and see whether a test notices
 	@$(RUN)/python -c 'import mutmut' 2>/dev/null || $(RUN)/python -m pip install -qq -c constraints.txt -e '.[mutation]'
 	$(RUN)/mutmut run $(ARGS)
-	$(RUN)/mutmut results
+	$(RUN)/python tests/mutants.py
 
 reproduce: install ## every figure and table of the paper, in runs/reproduce
 	$(RUN)/swarm reproduce --out runs/reproduce $(ARGS)
