@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ from trainers import runs
 from trainers.composing import settings_from_stored
 from trainers.settings import Settings
 
+NAMES = ("experiment", "recipe")  # which tell the settings that come with them
 COLUMNS = ("runs", "seeds", "mean", "low", "high", "worst", "best", "greedy", "limit", "fraction_of_limit")
 
 
@@ -104,17 +105,26 @@ def compare(
 def grouped(contenders: Sequence[Contender]) -> list[Group]:
     """Contenders by all their settings but the seeds, labelled by what differs between groups."""
     described = [_flat(contender.settings) for contender in contenders]
-    keys = [key for key in described[0] if len({str(each.get(key)) for each in described}) > 1]
+    keys = [key for key in NAMES if _differ(each[key] for each in described)]
+    keys += [key for key in described[0] if key not in NAMES and not _told_by_names(key, described)]
     groups: dict[str, list[Contender]] = {}
     for contender, flat in zip(contenders, described, strict=True):
-        # the experiment's name says what its world says
-        named = [
-            key for key in keys if not ("experiment" in keys and key.startswith(("world.", "evaluation.")))
-        ]
-        parts = [str(flat[key]) if key in ("experiment", "recipe") else f"{key}={flat[key]}" for key in named]
+        parts = [str(flat[key]) if key in NAMES else f"{key}={flat[key]}" for key in keys]
         label = " ".join(parts) or f"{contender.settings.experiment} {contender.settings.recipe}"
         groups.setdefault(label, []).append(contender)
     return [Group(label, members) for label, members in groups.items()]
+
+
+def _differ(values: Iterable[Any]) -> bool:
+    return len({str(value) for value in values}) > 1
+
+
+def _told_by_names(key: str, described: Sequence[dict[str, Any]]) -> bool:
+    """Whether experiment and recipe tell a setting: runs that share both have the same value."""
+    values: dict[tuple[str, str], list[Any]] = {}
+    for flat in described:
+        values.setdefault((flat["experiment"], flat["recipe"]), []).append(flat[key])
+    return not any(_differ(alike) for alike in values.values())
 
 
 def table(groups: Sequence[Group]) -> list[list[str]]:
