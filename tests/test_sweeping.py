@@ -140,8 +140,28 @@ def test_all_combinations_are_checked_before_there_is_a_folder(capsys):
     assert list(Path().iterdir()) == []
 
 
+def test_a_folder_that_cannot_be_is_said_before_anything_runs(capsys):
+    Path("file").write_text("mine")
+    for folder, said in (("file", "File exists: file"), ("file/deep", "Not a directory: file/deep")):
+        words = [word.replace("hydra.sweep.dir=sweep", f"hydra.sweep.dir={folder}") for word in WORDS]
+        assert said in fails(capsys, ["seed=0,1", SERIAL, *words])
+    assert Path("file").read_text() == "mine"
+    more = ["checkpoint_every=1000", "validation.every=1000", "learning.epsilon_end=0.01"]
+    assert "named by what is swept in at most 240 bytes" in fails(capsys, ["seed=3", SERIAL, *WORDS, *more])
+    assert not Path("sweep").exists()
+
+
+def test_the_same_run_twice_is_said(capsys):
+    assert "combinations must differ, got the same one 2 times" in fails(capsys, ["seed=0,0", SERIAL, *WORDS])
+    assert list(Path().iterdir()) == []
+
+
+def test_a_sweep_goes_on_by_its_own_words(capsys):
+    assert "a sweep goes on with the same command" in fails(capsys, ["resume=sweep"])
+
+
 def test_what_cannot_be_expanded_is_said():
-    with pytest.raises(SettingsError):
+    with pytest.raises(SettingsError, match=r"the value cannot be read.* got 'seed=\[1'"):
         sweeping.expanded(["seed=[1"])
     assert sweeping.expanded(["seed=1,2", "world.life=3"]) == [
         ["seed=1", "world.life=3"],

@@ -68,7 +68,7 @@ def settings_from(words: Sequence[str] = ()) -> Settings:
         with initialize_config_dir(str(config_folder()), version_base="1.3"):
             return as_settings(compose("config", list(words)))
     except (HydraException, OmegaConfBaseException) as error:
-        raise SettingsError(_readable(error)) from None
+        raise SettingsError(readable(error)) from None
     except SettingsError:
         raise
     except (TypeError, ValueError, AttributeError) as error:  # Hydra's own, over values it does not expect
@@ -96,7 +96,7 @@ def settings_from_stored(stored: dict[str, Any]) -> Settings:
     try:
         return as_settings(OmegaConf.merge(schema, stored))
     except OmegaConfBaseException as error:
-        raise SettingsError(f"stored settings: {_readable(error)}") from None
+        raise SettingsError(f"stored settings: {readable(error)}") from None
 
 
 def _check_stored(value: Any, default: Any, key: str) -> None:
@@ -129,14 +129,14 @@ def as_settings(config: Any) -> Settings:
     try:
         settings = OmegaConf.to_object(config)
     except OmegaConfBaseException as error:
-        raise SettingsError(_readable(error)) from None
+        raise SettingsError(readable(error)) from None
     except (TypeError, ValueError, AttributeError) as error:
-        raise SettingsError(_readable(error)) from None
+        raise SettingsError(readable(error)) from None
     assert isinstance(settings, Settings)
     return settings
 
 
-def _readable(error: Exception) -> str:
+def readable(error: Exception) -> str:
     """Hydra's message in one line, with the nearest name for what it does not know."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     message = lines[0] if lines else type(error).__name__

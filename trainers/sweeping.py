@@ -7,6 +7,7 @@ and goes on with what is not.
 from __future__ import annotations
 
 import dataclasses
+import os
 import sys
 from collections.abc import Sequence
 from datetime import datetime
@@ -17,11 +18,12 @@ import hydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
-from trainers.cli import fail
+from trainers.cli import fail, file_trouble
 from trainers.composing import (
     SettingsError,
     as_settings,
     config_folder,
+    readable,
     register,
     settings_from,
     settings_from_stored,
@@ -32,11 +34,17 @@ from trainers.settings import Settings
 SWEEP_FOLDER = "hydra.sweep.dir="
 LAUNCHER = "hydra/launcher="
 JOBS = "hydra.launcher.n_jobs="
+MAX_NAME = 240  # of a run's folder, whose temporary sibling has a name of at most 255 bytes
 
 
 def sweep(words: Sequence[str]) -> None:
     """Check every combination, then run them all; ends with exit code 1 where one of them failed."""
     words = list(words)
+    if resumed := [word for word in words if word.startswith("resume=")]:
+        fail(
+            "resume goes on with one run, a sweep goes on with the same command and the same "
+            f"{SWEEP_FOLDER}DIR, got {resumed[0]}"
+        )
     plain = [word for word in words if not word.startswith(("hydra.", "hydra/"))]
     try:
         combinations = expanded(plain)
@@ -57,9 +65,7 @@ def sweep(words: Sequence[str]) -> None:
     words += ["hydra.output_subdir=null", "hydra.sweep.subdir=${hydra.job.override_dirname}"]
     fixed, names = named(combinations)
     parent = Path(folder)
-    for name, settings in zip(names, wanted, strict=True):
-        if other := differing(parent / name, settings):
-            fail(f"{parent / name} holds a run with another {other}: choose another {SWEEP_FOLDER}DIR")
+    _make_folder(parent, names, wanted)
     words.append(f"hydra.job.config.override_dirname.exclude_keys=[{','.join(fixed)}]")
     words += ["hydra/job_logging=disabled", "hydra/hydra_logging=disabled"]
     print(f"{len(combinations)} runs in {folder}")
@@ -71,6 +77,25 @@ def sweep(words: Sequence[str]) -> None:
             f"the same command with {SWEEP_FOLDER}{folder} goes on with them"
         )
     print(f"all {len(combinations)} runs are in {folder}; swarm compare {folder}/* shows them side by side")
+
+
+def _make_folder(parent: Path, names: Sequence[str], wanted: Sequence[Settings]) -> None:
+    """Make the sweep's folder; ends where runs cannot be made there, each in a folder of its own."""
+    for name in names:
+        if names.count(name) > 1:
+            fail(f"combinations must differ, got the same one {names.count(name)} times")
+        if len(os.fsencode(name)) > MAX_NAME:
+            fail(
+                f"a run's folder is named by what is swept in at most {MAX_NAME} bytes, got {name}: "
+                "sweep over fewer keys at once"
+            )
+    try:
+        for name, settings in zip(names, wanted, strict=True):
+            if other := differing(parent / name, settings):
+                fail(f"{parent / name} holds a run with another {other}: choose another {SWEEP_FOLDER}DIR")
+        parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        fail(file_trouble(error))
 
 
 def named(combinations: Sequence[Sequence[str]]) -> tuple[list[str], list[str]]:
@@ -114,7 +139,7 @@ def expanded(words: Sequence[str]) -> list[list[str]]:
         parsed = OverridesParser.create().parse_overrides(list(words))
         batches = BasicSweeper.split_arguments(parsed, max_batch_size=None)
     except HydraException as error:
-        raise SettingsError(str(error).splitlines()[0]) from None
+        raise SettingsError(readable(error)) from None
     return [list(combination) for batch in batches for combination in batch]
 
 
