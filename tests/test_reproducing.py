@@ -269,6 +269,32 @@ def test_nothing_is_overwritten_that_is_not_a_reproduction(tmp_path):
     assert (tmp_path / "report.md").read_text() == "mine"
 
 
+def test_a_folder_that_cannot_be_is_said_before_anything_runs(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    for name, there in (("file", "file"), ("file/deep", "file"), ("loop", "loop")):
+        with pytest.raises(ReproductionError, match=f"{name} must be a folder, but .*{there} is a file"):
+            reproduce(SMALL, tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("settings.yaml", "a: [", "cannot be read"),
+        ("metrics.csv", "epoch,seed\n1,0\n", "must hold numbers in the columns"),
+        ("metrics.csv", None, "must have 4 rows for each seed, one per epoch, got"),
+    ],
+)
+def test_a_run_whose_files_are_damaged_is_set_aside(done, tmp_path, capsys, name, content, reason):
+    (planned,) = trainings(SMALL, tmp_path)
+    shutil.copytree(done.out / "runs/paper/linear_n2", planned.folder)
+    file = planned.folder / name
+    file.write_text(content or "".join(file.read_text().splitlines(keepends=True)[:-2]))
+    assert not reproducing._is_done(planned)
+    assert reason in capsys.readouterr().out
+    assert not planned.folder.exists()
+
+
 def test_a_training_that_fails_is_named_and_leaves_no_report(tmp_path):
     (planned,) = trainings(SMALL, tmp_path)
     planned.folder.mkdir(parents=True)

@@ -14,7 +14,7 @@ from swarm.results import RIVAL
 from trainers import runs
 from trainers.measuring import Stack
 from trainers.planning import Training
-from trainers.runs import RunFolder
+from trainers.runs import RunError, RunFolder
 from trainers.settings import Settings
 
 BLOCKS = 100  # most points of a curve of training cells
@@ -34,14 +34,26 @@ class TrainingCurve(NamedTuple):
 Curves = Mapping[tuple[str, str], TrainingCurve]  # by recipe and experiment
 
 
-def metrics(run: RunFolder, seeds: list[int]) -> dict[str, np.ndarray]:
-    """Columns (seeds, epochs) of a run's metrics; NaN where a column has no number."""
-    rows = run.rows(runs.METRICS)
-    by_seed = [[row for row in rows if int(row["seed"]) == seed] for seed in seeds]
-    return {
-        name: np.array([[float(row[name] or "nan") for row in one] for one in by_seed])
-        for name in runs.METRIC_COLUMNS[2:]
-    }
+def metrics(run: RunFolder, settings: Settings) -> dict[str, np.ndarray]:
+    """Columns (seeds, epochs) of a finished run's metrics; NaN where a column has no number.
+
+    Raises RunError unless there is a row of numbers for every seed and epoch.
+    """
+    rows, path = run.rows(runs.METRICS), run.path / runs.METRICS
+    try:
+        by_seed = [[row for row in rows if int(row["seed"]) == seed] for seed in settings.seeds]
+        found = {
+            name: [[float(row[name] or "nan") for row in one] for one in by_seed]
+            for name in runs.METRIC_COLUMNS[2:]
+        }
+    except (KeyError, ValueError) as error:
+        raise RunError(f"{path} must hold numbers in the columns of a run's metrics, got {error}") from None
+    lengths = [len(one) for one in by_seed]
+    if set(lengths) != {settings.learning.epochs}:
+        raise RunError(
+            f"{path} must have {settings.learning.epochs} rows for each seed, one per epoch, got {lengths}"
+        )
+    return {name: np.array(values) for name, values in found.items()}
 
 
 def trained_curves(planned: Iterable[Training]) -> dict[tuple[str, str], TrainingCurve]:
@@ -53,7 +65,7 @@ def trained_curves(planned: Iterable[Training]) -> dict[tuple[str, str], Trainin
 
 def curve_of(run: RunFolder, settings: Settings) -> TrainingCurve:
     """The curve of one run."""
-    table = metrics(run, settings.seeds)
+    table = metrics(run, settings)
     validated = np.flatnonzero(np.isfinite(table["gain"][0]))
     gain = table["gain"][:, validated]
     limits = gain[:, -1] / table["fraction_of_limit"][:, validated[-1]]

@@ -6,6 +6,7 @@ with them. Every other file of OUT is written again at the end, the report last.
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -24,7 +25,7 @@ from trainers.curves import Curves, metrics, shipped_curves, trained_curves
 from trainers.dispatching import Task, work_off
 from trainers.measuring import Case, Circle, Measured, Stack, measure, swinging_circle
 from trainers.planning import TESTS, Plan, Training, expected_seconds, learnt, trainings
-from trainers.runs import RunFolder
+from trainers.runs import RunError, RunFolder
 from trainers.settings import Settings
 from trainers.statements import EGG, RECORDS, VORTICES, Evidence, TrainingGains
 
@@ -88,18 +89,19 @@ def train_one(settings: Settings, folder: Path) -> None:
 
 
 def _is_done(training: Training) -> bool:
-    """Whether the run is finished and valid; one with other settings or damaged policies is set aside."""
+    """Whether the run is finished and valid; one with other settings or damaged files is set aside."""
     folder = training.folder
     if not runs.is_run_folder(folder):
         return False
-    run, stored = RunFolder.open(folder)
     try:
+        run, stored = RunFolder.open(folder)
         if learnt(settings_from_stored(stored)) == learnt(training.settings):
             if run.finished:
                 policies_of(run, training.settings)
+                metrics(run, training.settings)
             return run.finished
         reason = "has other settings"
-    except (SettingsError, PolicyError) as error:
+    except (RunError, SettingsError, PolicyError) as error:
         reason = str(error)
     count = 1
     while (aside := folder.with_name(f"{folder.name}-set-aside-{count}")).exists():
@@ -162,9 +164,8 @@ def training_gains(planned: Iterable[Training]) -> dict[tuple[str, str], Trainin
     """Gains of the training cells in every epoch."""
     found = {}
     for each in planned:
-        seeds = each.settings.seeds
-        gain = metrics(RunFolder(each.folder), seeds)["training_gain"]
-        found[each.recipe, each.experiment] = TrainingGains(tuple(seeds), gain)
+        gain = metrics(RunFolder(each.folder), each.settings)["training_gain"]
+        found[each.recipe, each.experiment] = TrainingGains(tuple(each.settings.seeds), gain)
     return found
 
 
@@ -241,11 +242,16 @@ def reproduce(plan: Plan, out: Path, publish: Path | None = None) -> list[Claim]
 
 
 def check_folder(folder: Path) -> None:
-    """Raises ReproductionError where `folder` holds files that this would overwrite and did not write."""
+    """Raises ReproductionError where `folder` cannot be written to, or holds files that this would overwrite
+    and did not write.
+    """
     from trainers.reporting import FILES, RECORD
 
-    if folder.exists() and not folder.is_dir():
-        raise ReproductionError(f"{folder} must be a folder, but is a file")
+    there = next(path for path in (folder, *folder.parents) if path.exists() or path.is_symlink())
+    if not there.is_dir():
+        raise ReproductionError(f"{folder} must be a folder, but {there} is a file")
+    if not os.access(there, os.W_OK):
+        raise ReproductionError(f"{folder} must be a folder to write to, but {there} is read-only")
     mine = [name for name in FILES if (folder / name).exists()]
     if mine and RECORD not in mine:
         raise ReproductionError(
