@@ -277,6 +277,8 @@ def test_compare_refuses_what_it_cannot_do(words, said):
         (["greeedy", "--out", "a.gif"], "did you mean 'greedy'?"),
         (["greedy", "--out", "a.xyz"], "a.xyz"),
         (["greedy", "--out", "nowhere/a.gif"], "nowhere"),
+        (["greedy", "--out", "loop/a.gif"], "the folder of loop/a.gif must be there"),
+        (["greedy", "--out", f"{'x' * 300}/a.gif"], "File name too long: xxx"),
         (["greedy", "--cells", "0", "--out", "a.gif"], "must be a whole number of at least 1, got 0"),
         (["greedy", "--life", "nan", "--out", "a.gif"], "life must be a finite number above 0"),
         (["greedy", "--experiment", "nothing", "--out", "a.gif"], "experiment must be one of"),
@@ -299,6 +301,7 @@ def test_compare_refuses_what_it_cannot_do(words, said):
 )
 def test_watch_refuses_what_it_cannot_do(words, said):
     Path("text.nc").write_text("no numbers")
+    Path("loop").symlink_to("loop")
     assert said in refused("watch", *words)
 
 
@@ -357,6 +360,21 @@ def test_bad_input_ends_a_process_with_one_line_and_an_exit_code():
     assert done.returncode == 2
     assert done.stderr == "swarm: learning.epochs must be a whole number of at least 1, got 0\n"
     assert done.stdout == ""
+
+
+def test_a_folder_that_is_gone_is_said():
+    gone = Path("gone")
+    gone.mkdir()
+    script = f"import os; os.chdir({str(gone)!r}); os.rmdir(os.getcwd()); {COMMAND[-1]}"
+    root = Path(launching.__file__).parent.parent
+    done = subprocess.run(
+        [sys.executable, "-c", script, "train", "--show"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(root)},
+    )
+    assert done.returncode == 2
+    assert done.stderr == "swarm: the current folder must be there, but was removed: change to another\n"
 
 
 def test_help_answers_at_once():

@@ -4,6 +4,8 @@ needed.
 
 from __future__ import annotations
 
+import io
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -153,4 +155,11 @@ def check() -> None:
 
 def main() -> None:
     """Run the command line."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a name that the terminal's encoding lacks is no bug
+        sys.stdout.reconfigure(errors="backslashreplace")
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        print("swarm: the current folder must be there, but was removed: change to another", file=sys.stderr)
+        raise SystemExit(2) from None
     app()

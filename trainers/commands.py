@@ -149,7 +149,9 @@ def watch_from(
             )
     except ImportError as error:
         fail(f"this needs a further package: {error}")
-    except (SettingsError, PolicyError, OSError, ValueError, TypeError) as error:
+    except OSError as error:
+        fail(file_trouble(error))
+    except (SettingsError, PolicyError, ValueError, TypeError, MemoryError) as error:
         fail(error)
     if out is not None:
         print(f"written to {out}")

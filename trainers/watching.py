@@ -36,7 +36,7 @@ def check_target(out: Path | None, size: int | None = None) -> None:
         check_encoder(suffix)
     if out.exists():
         raise FileExistsError(f"{out} must be a new file: what is there is never overwritten")
-    if not out.resolve().parent.is_dir():
+    if not out.parent.is_dir():
         raise FileNotFoundError(f"the folder of {out} must be there")
 
 
