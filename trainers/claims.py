@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trainers.measuring import DEVISED, Circle, Lives, Measured
+from trainers.measuring import DEVISED, Circle, Lives
 from trainers.resampling import Estimate, Summary, estimate, mean, off_gradient, spread
 
 REPRODUCED, NOT_REPRODUCED, REVERSED = "reproduced", "not reproduced", "reversed"
 ROUND = 0.01  # a centreline is the predicted circle if it keeps to it within this part of the radius
 STRAIGHT = 1.0  # [degrees] up to which a migration follows the gradient
 TENTH = 0.1  # part of the epochs at either end of a training that are compared
-
-Lifes = Mapping[str, Measured]  # by case
 
 
 class Claim(NamedTuple):

@@ -139,7 +139,9 @@ def progress_line(settings: Settings) -> Any:
             text += f"  gain {gain:.2f}"
             if not np.isnan(fraction):
                 text += f" = {100 * fraction:.1f}% of the limit"
-        text += f"  best {training.best_gain.mean():.2f}  {seconds:.2f} s/epoch"
+        if np.isfinite(training.best_gain).all():  # before the first validation there is none
+            text += f"  best {training.best_gain.mean():.2f}"
+        text += f"  {seconds:.2f} s/epoch"
         last = training.epoch == settings.learning.epochs
         if live:
             print(f"\r\033[K{text}", end="\n" if last else "", file=sys.stderr, flush=True)
