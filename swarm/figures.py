@@ -134,8 +134,10 @@ def _centrelines_panel(
     if linear:
         gradient_arrow(axes)
     axes.set(xlabel="$x - x_0$" if shifted else "$x$", ylabel="$y - y_0$" if shifted else "$y$")
-    above = {} if linear else {"bbox_to_anchor": (1.0, 1.0), "ncols": len(policies)}
-    legend(axes, policies, loc="best", handlelength=1.8, borderaxespad=0.2, **above)
+    where: dict[str, Any] = {"loc": "best"}
+    if not linear:  # above the shaded field
+        where = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": len(policies)}
+    legend(axes, policies, handlelength=1.8, borderaxespad=0.2, **where)
 
 
 def _flow_panels(results: xr.Dataset, world: World, policies: Sequence[str], cells: int | None) -> Figure:
