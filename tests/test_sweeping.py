@@ -163,6 +163,8 @@ def test_a_sweep_goes_on_by_its_own_words(capsys):
 def test_what_cannot_be_expanded_is_said():
     with pytest.raises(SettingsError, match=r"the value cannot be read.* got 'seed=\[1'"):
         sweeping.expanded(["seed=[1"])
+    with pytest.raises(SettingsError, match="a setting must be written key=value, got '--show'"):
+        sweeping.expanded(["seed=1,2", "--show"])
     assert sweeping.expanded(["seed=1,2", "world.life=3"]) == [
         ["seed=1", "world.life=3"],
         ["seed=2", "world.life=3"],

@@ -135,6 +135,9 @@ def expanded(words: Sequence[str]) -> list[list[str]]:
     """Every combination of the values with commas."""
     from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 
+    for word in words:
+        if "=" not in word:
+            raise SettingsError(f"a setting must be written key=value, got {word!r}")
     try:
         parsed = OverridesParser.create().parse_overrides(list(words))
         batches = BasicSweeper.split_arguments(parsed, max_batch_size=None)
