@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from physics import array, describe, place_and_heading, reference, to_numpy
 
-from swarm.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField
-from swarm.flows import FunctionFlow, PoiseuilleFlow, StillWater, TaylorGreen
+from swarm.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
+from swarm.flows import FunctionFlow, PoiseuilleFlow, StillWater, TaylorGreen, UniformFlow
 from swarm.starts import Starts, draw_noise, draw_starts
 from swarm.world import State, World
 
@@ -399,6 +399,27 @@ def test_a_cell_has_arrived_when_its_path_not_only_its_end_comes_within_reach(xp
     assert passed_by > 0
 
 
+def test_a_cell_has_arrived_where_the_flow_takes_it_to_the_egg(xp):
+    swum, carried = (
+        World(field=RadialField(egg_radius=0.2), flow=flow, start_box=((-3, 3), (-3, 3)))
+        for flow in ("still", UniformFlow(current=(2.0, 0.0)))
+    )
+    arrived = []
+    for world in (swum, carried):
+        start, step = functions(xp, world)
+        position, heading = array(xp, [[-0.5, -0.15]], xp.float64), array(xp, [0.5 * np.pi], xp.float64)
+        state = start(position, heading, array(xp, np.zeros((1, 4)), xp.int64))
+        arrived.append(bool(step(state, array(xp, [1], xp.int64), None)[1].terminated[0]))
+    assert arrived == [False, True]
+
+
+def test_out_of_time_is_truncated_where_there_is_an_egg_too(xp):
+    world = World(field="radial", life=1.0, start_box=((3, 9), (3, 9)))
+    _, outcomes = live(xp, world, 6, 3)
+    assert np.all(to_numpy(outcomes[-1].truncated))
+    assert not np.any(to_numpy(outcomes[-1].terminated))
+
+
 @pytest.mark.parametrize("options", [{}, {"varying_speed": True, "interval_rule": "exact"}], ids=str)
 def test_cells_that_have_arrived_stay_where_they_are(xp, options):
     world = World(field="radial", start_box=((-2, 2), (-2, 2)), **options)
@@ -607,6 +628,7 @@ def test_concentration_noise_is_in_the_record_and_not_in_the_gain():
     np.testing.assert_array_equal(outcome.gain, undisturbed.gain)
     np.testing.assert_array_equal(place_and_heading(after), place_and_heading(still))
     error = (after.memory - still.memory)[:, 0, 0] / loud.record_scale
+    np.testing.assert_allclose(error, 0.25 * draw_noise(0, CROWD, 1)[:, 0, 0], rtol=0, atol=1e-12)
     assert abs(error.mean()) < 4 * 0.25 / CROWD**0.5
     assert error.std() == pytest.approx(0.25, rel=0.03)
     np.testing.assert_array_equal(after.memory[:, 1:], still.memory[:, 1:])
@@ -731,6 +753,28 @@ def test_still_water_is_never_integrated():
         spin = velocity
 
     live(np, World(flow=Fails()), 3, 3)
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        World(),
+        World(varying_speed=True, life=2.0),
+        World(flow="taylor_green", sense_flow=True, rotational_diffusion=0.01),
+        World(flow=TaylorGreen(0.3, 2.0), varying_speed=True, n_records=2),
+        World(field="radial", flow="taylor_green"),
+    ],
+    ids=describe,
+)
+def test_the_way_that_torch_compiles_is_the_way_of_all(monkeypatch, world):
+    torch = pytest.importorskip("torch")
+    plain = live(torch, world, 5, 8, noise=world.has_noise)
+    monkeypatch.setattr("swarm.world.compiling", lambda array: True)
+    monkeypatch.setattr("swarm.arrays.compiling", lambda array: True)
+    in_pieces = live(torch, world, 5, 8, noise=world.has_noise)
+    for one, other in zip(plain[0] + plain[1], in_pieces[0] + in_pieces[1], strict=True):
+        for a, b in zip(one, other, strict=True):
+            np.testing.assert_allclose(to_numpy(a), to_numpy(b), rtol=0, atol=1e-12)
 
 
 def test_a_world_under_jit_is_the_world():
