@@ -164,8 +164,7 @@ def _check_period(names: list[str], values: np.ndarray) -> None:
             )
 
 
-# --- units
-# ---------------------------------------------------------------------------------------------------
+# --- units --------------------------------------------------------------------------------------------------
 
 
 def check_units(units: dict[str, str], velocity: Sequence[str] = (), spin: str | None = None) -> str | None:
@@ -199,8 +198,7 @@ def _check_same(units: dict[str, str], names: Sequence[str]) -> None:
         )
 
 
-# --- files
-# ---------------------------------------------------------------------------------------------------
+# --- files --------------------------------------------------------------------------------------------------
 
 
 def open_netcdf(path: str | os.PathLike, names: Sequence[str] | None) -> Any:

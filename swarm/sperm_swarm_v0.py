@@ -59,8 +59,9 @@ def parallel_env(
 
     `n_swimmers` is the number of cells, `max_cycles` truncates after that many decisions, `render_mode` is
     None, "rgb_array" or "human", `dtype` "float64" or "float32" is what positions are computed in. The others
-    are the parameters of `swarm.World`; `start_box=None` is one period of the flow, or [0, 10]² where it has
-    none. Raises TypeError or ValueError that names the parameter, the rule and the value.
+    are the parameters of `swarm.World`; `start_box=None` is the flow's own box or one period of it, else the
+    field's own, else [0, 10]². Raises TypeError or ValueError that names the parameter, the rule and the
+    value.
     """
     world = World(
         n_records=n_records,
