@@ -8,7 +8,9 @@ import numpy as np
 
 
 class Window:
-    """Shows pictures of one size; raises ModuleNotFoundError where pygame is missing."""
+    """Shows pictures of one size; raises ModuleNotFoundError where pygame is missing, OSError where the
+    display cannot be used. Without a display pygame keeps the pictures to itself, and `visible` is False.
+    """
 
     def __init__(self, width: int, height: int, fps: int) -> None:
         try:
@@ -18,8 +20,12 @@ class Window:
                 'render_mode="human" needs pygame: pip install "chemoswarm[render]"'
             ) from None
         self.pygame: Any = pygame
-        pygame.display.init()
-        self.surface = pygame.display.set_mode((width, height))
+        try:
+            pygame.display.init()
+            self.surface = pygame.display.set_mode((width, height))
+        except pygame.error as error:
+            raise OSError(f"a window needs a display, got {error}") from None
+        self.visible = pygame.display.get_driver() not in ("dummy", "offscreen")
         pygame.display.set_caption("chemoswarm")
         self.clock = pygame.time.Clock()
         self.fps = fps

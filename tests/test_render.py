@@ -122,6 +122,13 @@ def test_human_shows_a_window_also_where_there_is_no_display(monkeypatch):
     env.close()
 
 
+@needs_pygame
+def test_a_display_that_cannot_be_used_is_told(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "nonesuch")
+    with pytest.raises(OSError, match="a window needs a display, got nonesuch not available"):
+        swarm.parallel_env(2, render_mode="human").reset(seed=0)
+
+
 def test_a_missing_pygame_is_told_with_the_remedy(monkeypatch):
     import sys
 

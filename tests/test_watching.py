@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from importlib.util import find_spec
 
 import imageio.v2 as imageio
 import numpy as np
@@ -124,6 +125,13 @@ def test_what_is_there_is_not_overwritten(tmp_path):
     with pytest.raises(FileExistsError, match="must be a new file"):
         watch("greedy", World(life=2.0), out=tmp_path / "swim.gif")
     assert (tmp_path / "swim.gif").read_text() == "mine"
+
+
+@pytest.mark.skipif(find_spec("pygame") is None, reason="a window needs pygame, which is not installed")
+def test_without_a_display_nobody_plays_to_an_empty_room(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    with pytest.raises(OSError, match=r"a window needs a display.*--out FILE makes a film or a page"):
+        watch("greedy", World(life=2.0))
 
 
 def test_nothing_is_left_of_a_film_that_fails(tmp_path, monkeypatch):

@@ -69,7 +69,8 @@ def watch(
     """Show a policy in a window, or write a film (.mp4, .gif) or a page (.html), whole or not at all.
 
     `size` is the height of a film in pixels. `progress` is called with the decisions that are done and the
-    most there can be. Raises PolicyError for a policy that cannot be had.
+    most there can be. Raises PolicyError for a policy that cannot be had, OSError where there is no display
+    for a window.
     """
     check_target(out, size)
     player = named_policy(policy, world)
@@ -86,6 +87,10 @@ def watch(
     followed = _followed(viewer, world, player, cells, seed, FORMS[suffix].frames if out else 1, progress)
     try:
         if out is None:
+            if viewer.window is None or not viewer.window.visible:
+                raise OSError(
+                    "a window needs a display, and there is none: --out FILE makes a film or a page"
+                )
             for _ in followed:
                 pass
         else:
