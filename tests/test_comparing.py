@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
+import dataclasses
 
-from trainers.comparing import Contender, grouped
+import numpy as np
+import pytest
+import yaml
+
+from swarm.policy_files import PolicyError
+from trainers.comparing import Contender, compare, grouped
 from trainers.composing import settings_from
 
 
@@ -17,6 +22,15 @@ def groups(*runs):
     """Labels, and the seeds of each."""
     found = grouped([contender(*words.split()) for words in runs])
     return {group.label: [member.seed for member in group.members] for group in found}
+
+
+def test_a_run_that_claims_endless_seeds_ends_at_the_first_that_is_not_there(tmp_path):
+    text = yaml.safe_dump(dataclasses.asdict(settings_from(["n_seeds=1000000000000"])))
+    (tmp_path / "settings.yaml").write_text(text)
+    (tmp_path / "run.json").write_text('{"finished": true}')
+    (tmp_path / "policy.safetensors").touch()
+    with pytest.raises(PolicyError, match=r"seed_0/policy.safetensors must be a policy file"):
+        compare([tmp_path], cells=2)
 
 
 def test_runs_that_differ_in_the_seed_alone_are_one_group():

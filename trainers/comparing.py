@@ -142,7 +142,7 @@ def _tested(folder: Path, cells: int, seed: int) -> list[Contender]:
     run, stored = runs.RunFolder.open(folder)
     settings = settings_from_stored(stored)
     found = []
-    for each in settings.seeds:
+    for each in range(settings.seed, settings.seed + settings.n_seeds):  # stored, so there may be any number
         path = run.policy if settings.n_seeds == 1 else run.seed_folder(each) / runs.POLICY
         world = settings.test_world()
         results = population_test(
