@@ -163,11 +163,11 @@ def run(seconds: float = 6.0) -> list[dict[str, Any]]:
     rows = same_work(seconds) + many_seeds(4 * seconds) + start_up()
     rows += whole_run("linear_n4 as shipped", SAME_WORK, "experiment=linear_n4")
     rows += whole_run(
-        "linear_n4, 1000 epochs",
+        "linear_n4, 500 epochs",
         LONG_RUN,
         "experiment=linear_n4",
-        "learning.epochs=1000",
-        "checkpoint_every=100",
+        "learning.epochs=500",
+        "checkpoint_every=50",
     )
     rows += whole_run("taylor_green_aware as shipped", LONG_RUN, "experiment=taylor_green_aware")
     return rows
