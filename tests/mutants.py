@@ -29,6 +29,7 @@ KINDS = {
     "speed": "the same values, in another time or memory",
     "boundary": "differs only where two numbers are equal to the last bit, or by a rounding error",
     "calibration": "another number of an estimate; what it is there for is tested",
+    "elsewhere": "noticed where JAX or a second device is there, which the run was without",
     "wording": "only the literal text of an error; the thing and the value in it are tested",
 }
 

@@ -254,6 +254,16 @@ def test_a_life_turns_by_curvature_times_path_up_to_its_last_sliver(world):
     np.testing.assert_allclose(state.heading, np.stack([np.cos(angle), np.sin(angle)], -1), rtol=0, atol=1e-9)
 
 
+def test_a_life_of_whole_exact_intervals_ends_with_the_last_of_them(xp):
+    exact = {"varying_speed": True, "interval_rule": "exact"}
+    for action, interval in enumerate(World(**exact).intervals):
+        world = World(life=5 * interval, **exact)
+        state = begin(xp, world, 2)
+        for decision in range(5):
+            state, outcome = functions(xp, world)[1](state, array(xp, [action, action], xp.int64), None)
+            assert to_numpy(outcome.truncated).tolist() == [decision == 4] * 2
+
+
 def test_cells_with_different_clocks_end_at_different_steps(xp):
     world = World(varying_speed=True, life=1.26)  # three intervals of 0.42, or four of 0.34
     state = begin(xp, world, 2)
