@@ -177,8 +177,16 @@ def test_what_killed_writes_left_behind_is_removed_and_nothing_else(tmp_path):
     mine = [".lock", ".hidden", ".notes.txt", ".git.0123456789ag", "metrics.csv"]
     for name in mine:
         (run.path / name).write_text("mine")
+    of_seed, elsewhere = run.seed_folder(3), tmp_path / "elsewhere"
+    (run.path / "seed_4").symlink_to(elsewhere)
+    for folder in (of_seed, elsewhere):
+        folder.mkdir()
+        (folder / ".policy.safetensors.abcdefabcdef").write_text("half")
     run.tidy()
-    assert {path.name for path in run.path.iterdir()} == {*mine, "run.json", "settings.yaml"}
+    left = {*mine, "run.json", "settings.yaml", "seed_3", "seed_4"}
+    assert {path.name for path in run.path.iterdir()} == left
+    assert not list(of_seed.iterdir())
+    assert len(list(elsewhere.iterdir())) == 1
 
 
 def test_safe_names_hold_no_paths():

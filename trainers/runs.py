@@ -131,7 +131,8 @@ class RunFolder:
 
     def tidy(self) -> None:
         """Remove what killed writes left behind; only for the one process that owns the run."""
-        for path in self.path.glob(".*.*"):
+        seeds = [folder for folder in self.path.glob("seed_*") if not folder.is_symlink()]
+        for path in (path for folder in (self.path, *seeds) for path in folder.glob(".*.*")):
             if re.fullmatch(r"\..+\.[0-9a-f]{12}", path.name) and path.is_file():
                 path.unlink(missing_ok=True)
 
