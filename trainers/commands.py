@@ -5,14 +5,28 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from swarm.checks import check_count
+from swarm.world import World
 from trainers.cli import fail, file_trouble
 from trainers.composing import SettingsError, settings_from, settings_from_stored
 from trainers.settings import Settings
+
+
+@contextmanager
+def told(*further: type[Exception]) -> Iterator[None]:
+    """Within, bad input, `further` errors, and trouble with files or memory end the command in one line."""
+    expected: tuple[type[Exception], ...] = (ValueError, TypeError, MemoryError, *further)
+    try:
+        yield
+    except OSError as error:
+        fail(file_trouble(error))
+    except expected as error:
+        fail(error)
 
 
 def evaluate_from(
@@ -30,9 +44,7 @@ def evaluate_from(
 
     One level of noise is a world to test in; several are a sweep.
     """
-    from swarm.policy_files import PolicyError
-
-    try:
+    with told():
         levels, kind = noise_levels(noise, kind)
         settings = test_settings(policy, experiment)
         test = settings.evaluation
@@ -46,10 +58,6 @@ def evaluate_from(
             show_table(swept(policy, settings, levels, kind, options))
         else:
             evaluated(policy, settings, levels, kind, options)
-    except OSError as error:
-        fail(file_trouble(error))
-    except (SettingsError, PolicyError, ValueError, TypeError, MemoryError) as error:
-        fail(error)
     if out is not None:
         print(f"results and figures are in {out}")
 
@@ -117,57 +125,60 @@ def watch_from(
     size: int | None = None,
 ) -> None:
     """`swarm watch`, of a policy or of a stored population."""
-    from rich.progress import Progress
-
-    from swarm.policy_files import PolicyError
     from trainers import watching
 
     try:
-        if Path(policy).suffix.lower() == watching.POPULATION:
-            given = {"--experiment": experiment, "--life": life, "--seed": seed, "--size": size}
-            for option, value in given.items():
-                if value is not None:
-                    raise ValueError(
-                        f"{option} must be left out, {policy} holds lives as they were: got {value}"
-                    )
-            watching.save_page_of(
-                Path(policy), out, cells=None if cells is None else check_count("cells", cells)
-            )
-            return print(f"written to {out}")
-        watching.check_target(out, size)
-        world = test_settings(policy, experiment).test_world().replace(life=80.0 if life is None else life)
-        with Progress(transient=True, disable=out is None or not sys.stderr.isatty()) as bar:
-            task = bar.add_task("drawing", total=None)
-            watching.watch(
-                policy,
-                world,
-                cells=40 if cells is None else cells,
-                seed=seed or 0,
-                out=out,
-                size=size,
-                progress=lambda done, most: bar.update(task, completed=done, total=most),
-            )
+        with told():
+            if Path(policy).suffix.lower() == watching.POPULATION:
+                given = {"--experiment": experiment, "--life": life, "--seed": seed, "--size": size}
+                stored_lives(policy, out, cells, given)
+            else:
+                watching.check_target(out, size)
+                world = test_settings(policy, experiment).test_world()
+                world = world.replace(life=80.0 if life is None else life)
+                fresh_lives(policy, world, out, 40 if cells is None else cells, seed or 0, size)
     except ImportError as error:
         fail(f"this needs a further package: {error}")
-    except OSError as error:
-        fail(file_trouble(error))
-    except (SettingsError, PolicyError, ValueError, TypeError, MemoryError) as error:
-        fail(error)
     if out is not None:
         print(f"written to {out}")
 
 
+def stored_lives(population: str, out: Path | None, cells: int | None, given: dict[str, Any]) -> None:
+    """A page of a stored population; raises ValueError for options that are `given` and choose lives."""
+    from trainers import watching
+
+    for option, value in given.items():
+        if value is not None:
+            raise ValueError(f"{option} must be left out, {population} holds lives as they were: got {value}")
+    chosen = None if cells is None else check_count("cells", cells)
+    watching.save_page_of(Path(population), out, cells=chosen)
+
+
+def fresh_lives(policy: str, world: World, out: Path | None, cells: int, seed: int, size: int | None) -> None:
+    """A window, a film or a page of lives that are lived for it."""
+    from rich.progress import Progress
+
+    from trainers import watching
+
+    with Progress(transient=True, disable=out is None or not sys.stderr.isatty()) as bar:
+        task = bar.add_task("drawing", total=None)
+        watching.watch(
+            policy,
+            world,
+            cells=cells,
+            seed=seed,
+            out=out,
+            size=size,
+            progress=lambda done, most: bar.update(task, completed=done, total=most),
+        )
+
+
 def compare_from(folders: Sequence[Path], cells: int, seed: int, out: Path | None) -> None:
     """`swarm compare`."""
-    from swarm.policy_files import PolicyError
     from trainers import comparing, runs
 
-    try:
+    with told(runs.RunError):
         groups = comparing.compare(folders, cells=cells, seed=seed, out=out)
-    except OSError as error:
-        fail(file_trouble(error))
-    except (runs.RunError, SettingsError, PolicyError, ValueError, TypeError, MemoryError) as error:
-        fail(error)
     show_table(comparing.table(groups))
     if out is not None:
         print(f"table and figure are in {out}")
@@ -214,7 +225,6 @@ def test_settings(policy: str, experiment: str | None) -> Settings:
     """Settings of an experiment, or those a trained policy's card tells of, else of linear_n4."""
     from swarm.evaluation import STRATEGIES, named_policy
     from swarm.network import ZOO, load_policy
-    from swarm.world import World
 
     if experiment is not None:
         return settings_from([f"experiment={experiment}"])
