@@ -9,27 +9,11 @@ import os
 import platform
 import re
 from pathlib import Path
-from typing import Any
 
+from benchmarks.tables import as_text
 from swarm import files, provenance
 
 NAMES = ("pettingzoo_path", "batched_path", "training_path", "same_goal")
-
-
-def as_table(rows: list[dict[str, Any]]) -> str:
-    """Rows as a table in Markdown."""
-    heads = [name.replace("_", " ") for name in rows[0]]
-    lines = [heads, ["--"] + ["--:"] * (len(heads) - 1)]
-    for row in rows:
-        lines.append([f"{cell:.3g}" if isinstance(cell, float) else str(cell or "") for cell in row.values()])
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
-
-
-def as_text(result: list[dict[str, Any]] | dict[str, list[dict[str, Any]]]) -> str:
-    """A benchmark's table, or its tables under their titles, for the page of results."""
-    if isinstance(result, list):
-        return as_table(result)
-    return "\n".join(f"**{title}**\n\n{as_table(rows)}" for title, rows in result.items())
 
 
 def processor() -> str:

@@ -21,9 +21,9 @@ import numpy as np
 import torch
 
 import swarm
-from benchmarks.__main__ import as_table
 from benchmarks.pettingzoo_path import Leanest
 from benchmarks.plain_loop import PlainLoop
+from benchmarks.tables import as_table
 from benchmarks.timing import resident_bytes
 from swarm import files
 from trainers import checkpoints, snapshots
