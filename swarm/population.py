@@ -46,8 +46,10 @@ def population_test(
     check_flag("record", record)
     world = world.replace(life=life)
     starts = draw_starts(world, cells, seed, population=population, episode=episode)
-    lives = {
-        name: _lives(world, policy, name, starts, seed, population, episode, record)
+    lived = {
+        name: lives(
+            world, policy, starts, seed, population=population, episode=episode, record=record, name=name
+        )
         for name, policy in policies.items()
     }
     bound = _limit(world, starts) if limit else None
@@ -62,7 +64,7 @@ def population_test(
     }
     if bound is not None:
         attributes["limit"] = bound
-    return as_dataset(starts, lives, attributes)
+    return as_dataset(starts, lived, attributes)
 
 
 def _with_rival(policies: Mapping[str, Policy]) -> dict[str, Policy]:
@@ -85,15 +87,16 @@ def _limit(world: World, starts: Starts) -> float | None:
     return limit(world, starts)
 
 
-def _lives(
+def lives(
     world: World,
     policy: Policy,
-    name: str,
     starts: Starts,
     seed: int,
-    population: streams.Population,
-    episode: int,
-    record: bool,
+    *,
+    population: streams.Population = "test",
+    episode: int = 0,
+    record: bool = False,
+    name: str = "",
 ) -> dict[str, np.ndarray]:
     """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...)."""
     cells = len(starts.heading)

@@ -17,12 +17,16 @@ from torchrl.envs import EnvBase
 
 from swarm import streams
 from swarm.arena import make_world
+from swarm.arrays import namespace
 from swarm.checks import check_count, check_name
 from swarm.starts import NOISE_BLOCK, draw_noise, draw_starts
 from swarm.world import Outcome, State, World
 
 GROUP = "swimmers"
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
+NUMPY_CELLS = 5_000  # up to so many, NumPy makes a decision on the CPU faster than torch (`make bench`)
+
+Array = Any
 
 
 class Transition(NamedTuple):
@@ -45,7 +49,9 @@ class SwarmEnv(EnvBase):
 
     Starts come from the same streams as the PettingZoo face: world w of seed s holds rows w · n_swimmers … of
     that seed's population. With `seeds` given, the worlds are shared out evenly among several independent
-    seeds. `compile_step` hands the decision to `torch.compile`, which pays after some ten thousand steps.
+    seeds. `compile_step` hands the decision to `torch.compile`, which pays after some ten thousand steps of
+    many cells. Without it, up to `NUMPY_CELLS` cells on the CPU decide in NumPy, whose calls take a fraction
+    of torch's; tensors and arrays share their memory.
     """
 
     batch_locked = True
@@ -75,13 +81,25 @@ class SwarmEnv(EnvBase):
         self._decide: Callable[..., Any] = wrap(_decision, self.world)
         super().__init__(device=device, batch_size=torch.Size([self.n_worlds]))
         self._place = torch.device("cpu") if device is None else torch.device(device)
+        few = self.n_worlds * self.n_swimmers <= NUMPY_CELLS
+        self._in_numpy = few and self._place.type == "cpu" and not compile_step
         self._make_specs()
         self._terminated = torch.zeros(n_worlds, n_swimmers, 1, dtype=torch.bool, device=self._place)
-        self.state: State | None = None
+        self._state: State | None = None  # in the library that computes it
         self.observation: Tensor | None = None
         self.set_seeds([seed] if seeds is None else seeds)
 
     # --- plain tensors: what the trainer uses ---------------------------------------------------------------
+
+    @property
+    def state(self) -> State | None:
+        """The cells (worlds, cells, ...); None before the first restart."""
+        return None if self._state is None else State(*map(self._tensor, self._state))
+
+    def all_finished(self) -> bool:
+        """Whether every cell's life has ended."""
+        assert self._state is not None, "restart() must come first"
+        return bool(self._state.finished.all())
 
     def set_seeds(self, seeds: Sequence[int]) -> None:
         """Share the worlds out among `seeds`, block after block, and begin with episode 0 at the next
@@ -98,7 +116,7 @@ class SwarmEnv(EnvBase):
 
     def restart(self, worlds: np.ndarray | None = None) -> Tensor:
         """Begin the next episode in the chosen worlds (a mask; default all); returns all observations."""
-        chosen = np.ones(self.n_worlds, bool) if worlds is None or self.state is None else np.asarray(worlds)
+        chosen = np.ones(self.n_worlds, bool) if worlds is None or self._state is None else np.asarray(worlds)
         self.episode[chosen] += 1
         self.decision[chosen] = 0
         position = np.zeros((self.n_worlds, self.n_swimmers, 2))
@@ -113,26 +131,29 @@ class SwarmEnv(EnvBase):
             position[members] = starts.position.reshape(*shape, 2)[rows]
             heading[members] = starts.heading.reshape(shape)[rows]
             past[members] = starts.past.reshape(*shape, self.world.n_records)[rows]
-        fresh = self.world.start(self._float(position), self._float(heading), self._tensor(past))
-        if self.state is None or chosen.all():
-            self.state = fresh
-        else:
-            mask = self._tensor(chosen)
-            self.state = State(*(_where(mask, new, old) for new, old in zip(fresh, self.state, strict=True)))
-        self.observation = self.world.observation(self.state)
-        if self.world.has_noise:
-            self._refill_noise(chosen)
+        self._begin(self.world.start(*map(self._array, (position, heading, past))), chosen)
+        assert self.observation is not None
         return self.observation
 
     def place(self, position: Tensor, heading: Tensor, past: Tensor) -> Tensor:
         """Start every cell at given poses (worlds, cells, ...); returns the observations."""
         self.episode[:] = np.maximum(self.episode, 0)
         self.decision[:] = 0
-        self.state = self.world.start(position.to(self.float_dtype), heading.to(self.float_dtype), past)
-        self.observation = self.world.observation(self.state)
-        if self.world.has_noise:
-            self._refill_noise(np.ones(self.n_worlds, bool))
+        starts = (position.to(self.float_dtype), heading.to(self.float_dtype), past)
+        self._begin(self.world.start(*map(self._bare, starts)), np.ones(self.n_worlds, bool))
+        assert self.observation is not None
         return self.observation
+
+    def _begin(self, fresh: State, chosen: np.ndarray) -> None:
+        """Put fresh cells into the chosen worlds (a mask)."""
+        if self._state is None or chosen.all():
+            self._state = fresh
+        else:
+            mask = self._array(chosen)
+            self._state = State(*(_where(mask, *pair) for pair in zip(fresh, self._state, strict=True)))
+        self.observation = self._tensor(self.world.observation(self._state))
+        if self.world.has_noise:
+            self._refill_noise(chosen)
 
     def advance(self, action: Tensor) -> Transition:
         """One decision of every cell, without a TensorDict; does not restart finished worlds."""
@@ -140,27 +161,28 @@ class SwarmEnv(EnvBase):
 
     def _advance(self, action: Tensor) -> tuple[Transition, Tensor]:
         """What `advance` returns, and the gain."""
-        if self.state is None:
+        if self._state is None:
             raise RuntimeError("restart() or reset() must come before advance()")
         # Not in the compiled part: torch's compiler writes flags byte by byte.
-        valid = ~self.state.finished
-        self.state, outcome = self._decide(self.state, action, self._noise_now())
-        result = Transition(outcome.observation, outcome.reward, outcome.terminated, outcome.truncated, valid)
+        valid = ~self._state.finished
+        self._state, outcome = self._decide(self._state, self._bare(action), self._noise_now())
+        truncated = outcome.truncated
         self.decision += 1
         if self.world.has_noise and (due := self.decision % NOISE_BLOCK == 0).any():
             self._refill_noise(due)
         if self.max_cycles is not None and (over := self.decision >= self.max_cycles).any():
-            result = result._replace(
-                truncated=result.truncated | (self._tensor(over)[:, None] & ~result.terminated)
-            )
-            self.state = self.state._replace(finished=self.state.finished | result.truncated)
+            truncated = truncated | (self._array(over)[:, None] & ~outcome.terminated)
+            self._state = self._state._replace(finished=self._state.finished | truncated)
+        parts = (outcome.observation, outcome.reward, outcome.terminated, truncated, valid)
+        result = Transition(*map(self._tensor, parts))
         self.observation = result.observation
-        return result, outcome.gain
+        return result, self._tensor(outcome.gain)
 
     def gain(self) -> Tensor:
         """Gain c(t) − c(0) (worlds, cells) so far [concentration]."""
-        assert self.state is not None, "restart() must come first"
-        return self.world.field.concentration(self.state.position) - self.state.start_concentration
+        assert self._state is not None, "restart() must come first"
+        concentration = self.world.field.concentration(self._state.position)
+        return self._tensor(concentration - self._state.start_concentration)
 
     def state_dict_of_env(self) -> dict[str, Tensor]:
         """All that is needed to go on from here: the cells' state and the counters."""
@@ -173,11 +195,13 @@ class SwarmEnv(EnvBase):
 
     def load_state_dict_of_env(self, arrays: dict[str, Tensor]) -> None:
         """Go on from what `state_dict_of_env` gave."""
-        state = State(*(arrays[f"state.{name}"].to(self._place) for name in State._fields))
-        parts = {name: _part_by_part(getattr(state, name)) for name in ("position", "heading", "memory")}
-        self.state = state._replace(**parts)
+        state = State(*(self._bare(arrays[f"state.{name}"].to(self._place)) for name in State._fields))
+        if not self._in_numpy:
+            parts = {name: _part_by_part(getattr(state, name)) for name in ("position", "heading", "memory")}
+            state = state._replace(**parts)
+        self._state = state
         self.episode, self.decision = arrays["episode"].numpy().copy(), arrays["decision"].numpy().copy()
-        self.observation = self.world.observation(self.state)
+        self.observation = self._tensor(self.world.observation(state))
         if self.world.has_noise:
             self._refill_noise(np.ones(self.n_worlds, bool))
 
@@ -188,13 +212,9 @@ class SwarmEnv(EnvBase):
         if tensordict is not None and "_reset" in tensordict.keys():  # noqa: SIM118
             worlds = tensordict["_reset"].reshape(self.n_worlds).cpu().numpy()
         observation = self.restart(worlds)
-        assert self.state is not None
-        done = self.state.finished[..., None]
-        fresh = (
-            torch.ones(self.n_worlds, dtype=torch.bool, device=self._place)
-            if worlds is None
-            else self._tensor(worlds)
-        )
+        assert self._state is not None
+        done = self._tensor(self._state.finished)[..., None]
+        fresh = torch.as_tensor(np.ones(self.n_worlds, bool) if worlds is None else worlds, device=self._place)
         self._terminated = _where(fresh, torch.zeros_like(done), self._terminated)
         return self._pack(observation, self.gain(), done)
 
@@ -202,8 +222,8 @@ class SwarmEnv(EnvBase):
         action = tensordict[GROUP, "action"]
         self._check_action(action)
         result, gain = self._advance(action)
-        assert self.state is not None
-        done = self.state.finished[..., None]
+        assert self._state is not None
+        done = self._tensor(self._state.finished)[..., None]
         if self.world.egg is not None:
             self._terminated = self._terminated | result.terminated[..., None]
         out = self._pack(result.observation, gain, done)
@@ -272,14 +292,12 @@ class SwarmEnv(EnvBase):
             for value in np.unique(index[mine]):
                 yield seed, int(value), block, mine[index[mine] == value]
 
-    def _noise_now(self) -> Tensor | None:
+    def _noise_now(self) -> Array | None:
         """This decision's noise (worlds, cells, 3)."""
         if not self.world.has_noise:
             return None
-        index = (
-            self._tensor(self.decision % NOISE_BLOCK).reshape(-1, 1, 1, 1).expand(-1, self.n_swimmers, 1, 3)
-        )
-        return self._noise.gather(2, index)[:, :, 0]
+        worlds, place = np.arange(self.n_worlds), self.decision % NOISE_BLOCK
+        return self._noise[self._array(worlds), :, self._array(place)]
 
     def _refill_noise(self, chosen: np.ndarray) -> None:
         """Draw the block of noise that the chosen worlds are in."""
@@ -296,15 +314,22 @@ class SwarmEnv(EnvBase):
                 block=key % stride,
             )
             noise[members] = drawn.reshape(len(block), self.n_swimmers, NOISE_BLOCK, 3)[members - block[0]]
-        fresh = self._float(noise)
+        fresh = self._array(noise)
         old = getattr(self, "_noise", None)
-        self._noise = fresh if old is None or chosen.all() else _where(self._tensor(chosen), fresh, old)
+        self._noise = fresh if old is None or chosen.all() else _where(self._array(chosen), fresh, old)
 
-    def _float(self, values: np.ndarray) -> Tensor:
-        return torch.as_tensor(values, dtype=self.float_dtype, device=self._place)
+    def _array(self, values: np.ndarray) -> Array:
+        """`values` in the library that computes decisions, real numbers in the environment's precision."""
+        dtype = self.float_dtype if values.dtype.kind == "f" else None
+        return self._bare(torch.as_tensor(values, dtype=dtype, device=self._place))
 
-    def _tensor(self, values: np.ndarray) -> Tensor:
-        return torch.as_tensor(values, device=self._place)
+    def _bare(self, tensor: Tensor) -> Array:
+        """A tensor on this environment's device as the library that computes decisions takes it."""
+        return tensor.numpy() if self._in_numpy else tensor
+
+    def _tensor(self, array: Array) -> Tensor:
+        """What decisions computed, as a tensor."""
+        return torch.from_numpy(array) if self._in_numpy else array
 
 
 def _all_cells(flags: Tensor) -> Tensor:
@@ -312,10 +337,11 @@ def _all_cells(flags: Tensor) -> Tensor:
     return flags.sum(dim=1, dtype=torch.int32) == flags.shape[1]
 
 
-def _decision(world: World, state: State, action: Tensor, noise: Tensor | None) -> tuple[State, Outcome]:
+def _decision(world: World, state: State, action: Array, noise: Array | None) -> tuple[State, Outcome]:
     """One decision of every cell; those that were done get no reward."""
     after, outcome = world.step(state, action, noise)
-    return after, outcome._replace(reward=torch.where(state.finished, 0.0, outcome.reward))
+    xp, reward = namespace(outcome.reward), outcome.reward
+    return after, outcome._replace(reward=xp.where(state.finished, xp.zeros_like(reward), reward))
 
 
 def compiled(function: Callable[..., Any], *first: Any) -> Callable[..., Any]:
@@ -353,5 +379,5 @@ def _part_by_part(array: Tensor) -> Tensor:
     return array.movedim((0, 1), (-2, -1)).contiguous().movedim((-2, -1), (0, 1))
 
 
-def _where(mask: Tensor, new: Tensor, old: Tensor) -> Tensor:
-    return torch.where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)
+def _where(mask: Array, new: Array, old: Array) -> Array:
+    return namespace(old).where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)

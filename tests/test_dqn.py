@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
-from torchrl.data import Categorical, LazyTensorStorage
+from torchrl.data import Categorical
 from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, SoftUpdate
 
-from trainers.dqn import Learner, SeedSampler, dqn_loss
+from trainers.dqn import Learner, dqn_loss
 from trainers.q_network import QNetwork
 from trainers.settings import LearningSettings
+from trainers.transitions import Transitions
 
 SIZES = (8, 24, 24, 2)
 ROWS = 64
@@ -29,17 +30,19 @@ def batch(seeds=1, rows=ROWS, draw=0):
     """Transitions (seeds, rows): some terminated, all valid."""
     generator = torch.Generator().manual_seed(draw)
     shape = (seeds, rows)
-    return TensorDict(
-        {
-            "observation": torch.randn(*shape, 8, generator=generator),
-            "next_observation": torch.randn(*shape, 8, generator=generator),
-            "action": torch.randint(2, shape, generator=generator),
-            "reward": 2 * torch.randn(shape, generator=generator),
-            "bootstrap": DISCOUNT * (torch.rand(shape, generator=generator) >= 0.2),
-            "valid": torch.ones(shape),
-        },
-        batch_size=shape,
+    return Transitions(
+        observation=torch.randn(*shape, 8, generator=generator),
+        next_observation=torch.randn(*shape, 8, generator=generator),
+        action=torch.randint(2, shape, generator=generator),
+        reward=2 * torch.randn(shape, generator=generator),
+        bootstrap=DISCOUNT * (torch.rand(shape, generator=generator) >= 0.2),
+        valid=torch.ones(shape),
     )
+
+
+def part(data, *key):
+    """A part of every tensor of the transitions."""
+    return Transitions(*(values[key] for values in data))
 
 
 def torch_module(net):
@@ -68,27 +71,27 @@ def torchrl_loss(online, target, data, *, double, kind, truncated):
     SoftUpdate(loss, eps=0.5)  # without one, TorchRL warns
     for name, parameter in leaves(loss.target_value_network_params):
         parameter.data.copy_(dict(torch_module(target).named_parameters())[name])
-    row = data[0]
-    terminated = row["bootstrap"][:, None] == 0
+    row = part(data, 0)
+    terminated = row.bootstrap[:, None] == 0
     stock = TensorDict(
         {
-            "observation": row["observation"],
-            "action": row["action"],
+            "observation": row.observation,
+            "action": row.action,
             "next": {
-                "observation": row["next_observation"],
-                "reward": row["reward"][:, None],
+                "observation": row.next_observation,
+                "reward": row.reward[:, None],
                 "terminated": terminated,
                 "done": terminated | truncated[:, None],
             },
         },
-        batch_size=row.batch_size,
+        batch_size=row.reward.shape,
     )
     value = loss(stock)["loss"]
     value.backward()
     slopes = {name: parameter.grad for name, parameter in leaves(loss.value_network_params)}
     places = range(0, 2 * len(online.weights), 2)
-    parts = [(slopes[f"{place}.weight"].T.flatten(), slopes[f"{place}.bias"]) for place in places]
-    return value.detach(), torch.cat([part for pair in parts for part in pair])
+    pairs = [(slopes[f"{place}.weight"].T.flatten(), slopes[f"{place}.bias"]) for place in places]
+    return value.detach(), torch.cat([slope for pair in pairs for slope in pair])
 
 
 def leaves(parameters):
@@ -110,23 +113,23 @@ def test_loss_and_gradient_are_those_of_torchrl(kind, double):
 
 def test_targets_bootstrap_unless_terminated():
     online = network(1)
-    data = batch()[:, :1]
-    data["bootstrap"][:] = DISCOUNT
-    following = online.values(data["next_observation"]).amax(-1)
-    value = online.values(data["observation"])[0, 0, data["action"][0, 0]]
-    reward = data["reward"]
+    data = part(batch(), slice(None), slice(1))
+    data.bootstrap[:] = DISCOUNT
+    following = online.values(data.next_observation).amax(-1)
+    value = online.values(data.observation)[0, 0, data.action[0, 0]]
+    reward = data.reward
     for ended, goal in ((False, reward + DISCOUNT * following), (True, reward)):
-        data["bootstrap"][:] = 0.0 if ended else DISCOUNT
+        data.bootstrap[:] = 0.0 if ended else DISCOUNT
         outcome = dqn_loss(online, online, data, double=False, kind="squared")
         assert outcome.loss[0] == pytest.approx(float((value - goal) ** 2), rel=1e-5)
 
 
 def test_double_dqn_values_with_the_target_what_the_online_network_chooses():
-    online, target, data = network(1), network(1, first=3), batch()[:, :1]
-    data["bootstrap"][:] = DISCOUNT
-    choice = online.values(data["next_observation"]).argmax(-1)[0, 0]
-    goal = data["reward"] + DISCOUNT * target.values(data["next_observation"])[..., choice]
-    value = online.values(data["observation"])[0, 0, data["action"][0, 0]]
+    online, target, data = network(1), network(1, first=3), part(batch(), slice(None), slice(1))
+    data.bootstrap[:] = DISCOUNT
+    choice = online.values(data.next_observation).argmax(-1)[0, 0]
+    goal = data.reward + DISCOUNT * target.values(data.next_observation)[..., choice]
+    value = online.values(data.observation)[0, 0, data.action[0, 0]]
     outcome = dqn_loss(online, target, data, double=True, kind="squared")
     assert outcome.loss[0] == pytest.approx(float((value - goal) ** 2), rel=1e-5)
 
@@ -134,13 +137,13 @@ def test_double_dqn_values_with_the_target_what_the_online_network_chooses():
 @pytest.mark.parametrize("kind", ["squared", "huber"])
 def test_rows_that_are_not_valid_count_for_nothing(kind):
     online, target, data = network(2), network(2, first=7), batch(2)
-    whole = dqn_loss(online, target, data[:, :40], double=True, kind=kind)
-    data["valid"][:, 40:] = 0
-    data["reward"][:, 40:] = 1e6
+    whole = dqn_loss(online, target, part(data, slice(None), slice(40)), double=True, kind=kind)
+    data.valid[:, 40:] = 0
+    data.reward[:, 40:] = 1e6
     masked = dqn_loss(online, target, data, double=True, kind=kind)
     for expected, got in zip(whole, masked, strict=True):
         assert torch.allclose(expected, got, rtol=1e-5, atol=1e-6)
-    data["valid"][:] = 0
+    data.valid[:] = 0
     nothing = dqn_loss(online, target, data, double=True, kind=kind)
     assert not nothing.loss.any()
     assert not nothing.gradient.any()
@@ -153,7 +156,7 @@ def test_seeds_in_a_stack_do_not_mix():
         alone = dqn_loss(
             QNetwork(online.flat[seed : seed + 1], SIZES),
             QNetwork(target.flat[seed : seed + 1], SIZES),
-            data[seed : seed + 1],
+            part(data, slice(seed, seed + 1)),
             double=True,
             kind="huber",
         )
@@ -164,16 +167,54 @@ def test_seeds_in_a_stack_do_not_mix():
 
 
 def test_replay_draws_every_row_equally_often():
-    storage = LazyTensorStorage(50)
-    storage.set(range(50), TensorDict({"row": torch.arange(50)}, batch_size=50))
-    sampler = SeedSampler([torch.Generator().manual_seed(seed) for seed in (1, 2)])
-    (rows, seeds), _ = sampler.sample(storage, 20_000)
-    assert rows.shape == (2, 20_000)
-    assert (seeds.flatten() == torch.tensor([0, 1])).all()
-    for drawn in rows:
-        counts = torch.bincount(drawn, minlength=50)
+    made = Learner(8, 2, settings_of(buffer_size=50), [1, 2])
+    numbered = transitions(50, 2)._replace(reward=torch.arange(50.0)[:, None].expand(50, 2))
+    made.remember(numbered.packed())
+    made.begin(0)
+    drawn = made.sample(20_000)
+    for rows in drawn.reward:
+        counts = torch.bincount(rows.long(), minlength=50)
         chi_square = ((counts - 400) ** 2 / 400).sum()
         assert chi_square < 85.4  # 0.999 quantile with 49 degrees of freedom
+
+
+def test_every_seed_draws_rows_of_its_own():
+    made = learner((1, 2))
+    made.begin(0)
+    held, drawn = Transitions.unpacked(made.buffer[:]), made.sample(30)
+    for seed in range(2):
+        mine = set(held.reward[:, seed].tolist())
+        assert set(drawn.reward[seed].tolist()) <= mine
+        assert not set(drawn.reward[1 - seed].tolist()) & mine
+
+
+def test_draws_are_named_by_the_epoch():
+    one, other = learner((1,)), learner((1,))
+    one.begin(0)
+    first = one.sample(30)
+    for each in (one, other):
+        each.begin(1)
+    assert torch.equal(one.sample(30).reward, other.sample(30).reward)
+    one.begin(0)
+    again = one.sample(30)
+    assert torch.equal(first.reward, again.reward)
+    assert not torch.equal(first.reward, other.sample(30).reward)
+
+
+@pytest.mark.parametrize("shape", [(), (5,), (3, 2)])
+def test_transitions_come_out_of_their_rows_as_they_went_in(shape):
+    generator = torch.Generator().manual_seed(0)
+    made = Transitions(
+        torch.randn(*shape, 20, generator=generator),
+        torch.randn(*shape, 20, generator=generator),
+        torch.randint(1000, shape, generator=generator),
+        torch.randn(shape, generator=generator),
+        torch.rand(shape, generator=generator),
+        torch.ones(shape),
+    )
+    for before, after in zip(made, Transitions.unpacked(made.packed()), strict=True):
+        assert torch.equal(before, after)
+        assert before.dtype == after.dtype
 
 
 def settings_of(**changes):
@@ -182,44 +223,43 @@ def settings_of(**changes):
 
 
 def transitions(rows, seeds, draw=0):
-    return batch(seeds, rows, draw).transpose(0, 1).contiguous()
+    return Transitions(*(values.transpose(0, 1) for values in batch(seeds, rows, draw)))
 
 
 def learner(seeds=(0, 1, 2), **changes):
     made = Learner(8, 2, settings_of(**changes), list(seeds))
-    made.remember(transitions(40, len(seeds)))
+    made.remember(transitions(40, len(seeds)).packed())
     return made
 
 
 def test_the_buffer_keeps_the_newest_transitions():
     made = learner((0,), buffer_size=60)
     newest = transitions(50, 1, draw=1)
-    made.remember(newest)
+    made.remember(newest.packed())
     assert len(made.buffer) == 60
-    held = made.buffer[:]["reward"]
-    assert torch.equal(held[40:60, 0], newest["reward"][:20, 0])
-    assert torch.equal(held[:30, 0], newest["reward"][20:, 0])
+    held = Transitions.unpacked(made.buffer[:]).reward
+    assert torch.equal(held[40:60, 0], newest.reward[:20, 0])
+    assert torch.equal(held[:30, 0], newest.reward[20:, 0])
 
 
 def test_a_rollout_longer_than_the_buffer_leaves_its_newest_rows():
     made = learner((0,), buffer_size=7)
     long = transitions(40, 1, draw=1)
-    made.remember(long)
-    assert sorted(made.buffer[:]["reward"][:, 0].tolist()) == sorted(long["reward"][-7:, 0].tolist())
+    made.remember(long.packed())
+    held = Transitions.unpacked(made.buffer[:]).reward
+    assert sorted(held[:, 0].tolist()) == sorted(long.reward[-7:, 0].tolist())
 
 
 @pytest.mark.parametrize("more", [0, 50])
 def test_a_refilled_buffer_goes_on_where_it_was(more):
     before, after = learner(), learner()
     if more:
-        before.remember(transitions(more, 3, draw=2))
-    stored = {name: value.clone() for name, value in before.buffer[:].items()}
-    after.refill(stored, before.buffer.writer.state_dict()["_cursor"])
+        before.remember(transitions(more, 3, draw=2).packed())
+    after.refill(before.buffer[:].clone(), before.buffer.writer.state_dict()["_cursor"])
     for each in (before, after):
-        each.remember(transitions(9, 3, draw=3))
+        each.remember(transitions(9, 3, draw=3).packed())
     assert len(before.buffer) == len(after.buffer)
-    for name, value in before.buffer[:].items():
-        assert torch.equal(value, after.buffer[:][name])
+    assert torch.equal(before.buffer[:], after.buffer[:])
 
 
 # --- learning -----------------------------------------------------------------------------------------------
@@ -263,7 +303,9 @@ def test_a_seed_learns_the_same_alone_and_in_a_stack():
     options = {"double": True, "target_rate": 0.1, "average_rate": 0.2, "loss": "huber"}
     stack = learner((3, 4, 5), **options)
     alone = Learner(8, 2, settings_of(**options), [4])
-    alone.remember(transitions(40, 3)[:, 1:2])
+    alone.remember(part(transitions(40, 3), slice(None), slice(1, 2)).packed())
+    for each in (stack, alone):
+        each.begin(0)
     for _ in range(5):
         stack.learn(lambda updates: 0.01)
         alone.learn(lambda updates: 0.01)

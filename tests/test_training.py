@@ -170,7 +170,7 @@ def played(made, policies):
     """Gains (cells,) of each seed's policy on the seed's validation starts, in NumPy."""
     from swarm.starts import draw_starts
 
-    world = made.validation.world
+    world = made.validation.env.world
     for seed, policy in zip(made.seeds, policies, strict=True):
         state = world.start(*draw_starts(world, 3, seed, population="validation"))
         while not state.finished.all():
@@ -183,8 +183,8 @@ def played(made, policies):
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"recipe": "paper"}, {"world": {"varying_speed": True, "concentration_noise": 0.05}}],
-    ids=["swarm", "paper", "noise and clocks"],
+    [{}, {"recipe": "paper"}, {"world": {"curvature_noise": 0.1, "concentration_noise": 0.05}}],
+    ids=["swarm", "paper", "noise"],
 )
 def test_a_seed_trains_the_same_alone_and_in_a_stack_of_three(options):
     stack, alone = trained(3, n_seeds=3, seed=3, **options), trained(3, seed=4, **options)

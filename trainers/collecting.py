@@ -6,13 +6,17 @@ The rollout is our own: TorchRL's Collector costs several times the decision its
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
-from tensordict import TensorDict
 from torch import Tensor
 
 from swarm import streams
 from swarm.torchrl_env import SwarmEnv, compiled
 from trainers.q_network import QNetwork
+from trainers.transitions import Transitions
+
+BLOCK = 64  # decisions whose random numbers are drawn at once
 
 
 def epsilon_greedy(network: QNetwork, observation: Tensor, explores: Tensor, random_action: Tensor) -> Tensor:
@@ -25,8 +29,7 @@ def multi_step(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Returns over up to `steps` decisions: reward, observation they lead to, and what its value counts for.
 
-    All (decisions, ...), observations (decisions, ..., inputs). Sums γᵏ r until the life or the round of
-    collecting ends; the last factor is γᵏ, 0 after a termination (Sutton and Barto 2018, eq. 7.1). The same
+    All (decisions, ...), observations (decisions, ..., inputs). Sums γᵏ r until the life or what is given ends; the last factor is γᵏ, 0 after a termination (Sutton and Barto 2018, eq. 7.1). The same
     as TorchRL's `MultiStep` within a life (a test holds it), without its overhead.
     """
     once = discount * (~terminated).to(reward.dtype)
@@ -39,6 +42,16 @@ def multi_step(
     return total, reached, bootstrap
 
 
+class _Step(NamedTuple):
+    """One decision of every cell (worlds, cells, ...)."""
+
+    observation: Tensor  # that it was made on
+    action: Tensor
+    reward: Tensor
+    terminated: Tensor
+    valid: Tensor
+
+
 class Explorer:
     """Steers a `SwarmEnv` whose worlds are shared out among seeds, and hands over what happened."""
 
@@ -49,76 +62,75 @@ class Explorer:
         self._choose = compiled(epsilon_greedy) if compile else epsilon_greedy
         self.seeds = env.seeds
         self.cells = env.n_worlds // len(env.seeds) * env.n_swimmers  # of each seed
-        self.rounds = 0  # which name the draws
+        self._steps: list[_Step] = []  # of this life, whose returns still wait for later rewards
+
+    def restart(self) -> None:
+        """Begin the next life of every cell."""
+        self.env.restart()
+        self._steps.clear()
 
     def _by_seed(self, values: Tensor) -> Tensor:
         """(worlds, cells, ...) -> (seeds, cells of the seed, ...)."""
         return values.reshape(len(self.seeds), self.cells, *values.shape[2:])
 
-    def _uniform(self, decisions: int) -> Tensor:
-        """Each cell's own two numbers in [0, 1) per decision (decisions, 2, seeds, cells)."""
-        device = self.env.device or torch.device("cpu")
-        draws = []
-        for seed in self.seeds:
-            key = streams.integer_seed("training", "exploration", seed, self.rounds)
-            generator = torch.Generator(device).manual_seed(key)
-            draws.append(torch.rand(decisions, 2, self.cells, generator=generator, device=device))
-        return torch.stack(draws, dim=2)
-
-    def collect(self, network: QNetwork, epsilon: float, decisions: int) -> TensorDict:
-        """Up to `decisions` decisions of every cell, fewer when all lives end; rows (decisions · cells,
-        seeds).
-
-        With probability ε a uniformly random action, else the best (paper: ε-greedy). Rows of cells that were
-        done before are not `valid`.
+    def _luck(self) -> tuple[Tensor, Tensor]:
+        """Each cell's own number in [0, 1) and random action for this decision (seeds, cells), drawn by the
+        block.
         """
-        env, m = self.env, self.env.world.n_actions
-        coin, choice = self._uniform(decisions).unbind(1)
-        self.rounds += 1
-        explores, random_action = coin < epsilon, (choice * m).long()
-        assert env.observation is not None
-        observations, actions, rewards, terminations, valid = [self._by_seed(env.observation)], [], [], [], []
-        for decision in range(decisions):
-            action = self._choose(network, observations[-1], explores[decision], random_action[decision])
-            result = env.advance(action.reshape(env.n_worlds, env.n_swimmers))
-            observations.append(self._by_seed(result.observation))
-            actions.append(action)
-            rewards.append(self._by_seed(result.reward))
-            terminations.append(self._by_seed(result.terminated))
-            valid.append(self._by_seed(result.valid))
-            if self.everyone_done():
+        block, place = divmod(int(self.env.decision[0]), BLOCK)
+        if place == 0:
+            device, episode = self.env.device or torch.device("cpu"), int(self.env.episode[0])
+            draws = []
+            for seed in self.seeds:
+                key = streams.integer_seed("training", "exploration", seed, episode, block)
+                generator = torch.Generator(device).manual_seed(key)
+                draws.append(torch.rand(2, BLOCK, self.cells, generator=generator, device=device))
+            self._coins, choices = torch.stack(draws, dim=2)
+            self._random = (choices * self.env.world.n_actions).long()
+        return self._coins[place], self._random[place]
+
+    def collect(self, network: QNetwork, epsilon: float, decisions: int) -> Tensor:
+        """Up to `decisions` decisions of every cell, fewer when all lives end.
+
+        With probability ε a uniformly random action, else the best (paper: ε-greedy). Returns the packed
+        transitions (rows, seeds, width) that are complete, `cells` rows for each decision: the last
+        `n_steps` − 1 decisions wait for the next call, unless all lives ended. Rows of cells that were done
+        before are not `valid`.
+        """
+        env, ended = self.env, False
+        for _ in range(decisions):
+            assert env.observation is not None
+            observation = env.observation
+            coin, random_action = self._luck()
+            action = self._choose(network, self._by_seed(observation), coin < epsilon, random_action)
+            action = action.reshape(observation.shape[:2])
+            result = env.advance(action)
+            self._steps.append(_Step(observation, action, result.reward, result.terminated, result.valid))
+            if ended := env.all_finished():
                 break
-        seen = torch.stack(observations)
-        lives = torch.stack(valid)
-        reward, following, bootstrap = multi_step(
-            torch.stack(rewards).to(torch.float32),
+        complete = max(0, len(self._steps) - (0 if ended else self.n_steps - 1))
+        rows = self._transitions(complete).packed()
+        self._steps = self._steps[complete:]
+        # (decisions, worlds, cells, ...) -> (decisions, seeds, cells of the seed, ...)
+        by_seed = rows.reshape(len(rows), len(self.seeds), self.cells, rows.shape[-1])
+        return by_seed.transpose(1, 2).flatten(0, 1)
+
+    def _transitions(self, complete: int) -> Transitions:
+        """The first `complete` of the steps (decisions, worlds, cells)."""
+        assert self.env.observation is not None
+        observations, *others = zip(*self._steps, strict=True)
+        seen = torch.stack([*observations, self.env.observation])
+        action, reward, terminated, valid = map(torch.stack, others)
+        total, following, bootstrap = multi_step(
+            reward.to(torch.float32),
             seen[1:],
-            torch.stack(terminations),
-            lives,
+            terminated,
+            valid,
             discount=self.discount,
             steps=self.n_steps,
         )
-
-        def rows(values: Tensor) -> Tensor:
-            # (decisions, seeds, cells, ...) -> (decisions · cells, seeds, ...)
-            return values.transpose(1, 2).flatten(0, 1)
-
-        return TensorDict(
-            {
-                "observation": rows(seen[:-1]),
-                "next_observation": rows(following),
-                "action": rows(torch.stack(actions)),
-                "reward": rows(reward),
-                "bootstrap": rows(bootstrap),
-                "valid": rows(lives.to(torch.float32)),
-            },
-            batch_size=(len(actions) * self.cells, len(self.seeds)),
-        )
-
-    def everyone_done(self) -> bool:
-        """Whether every life has ended."""
-        assert self.env.state is not None
-        return bool(self.env.state.finished.all())
+        parts = (seen[:-1], following, action, total, bootstrap, valid)
+        return Transitions(*(part[:complete] for part in parts))
 
     def gains(self) -> Tensor:
         """Gain (seeds, cells) of the lives so far."""

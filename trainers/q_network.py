@@ -79,9 +79,9 @@ class QNetwork:
         """
         parts: list[Tensor] = []
         for layer in range(len(self.weights) - 1, -1, -1):
-            parts = [(layers[layer].mT @ slope).flatten(1), slope.sum(1), *parts]
+            parts = [torch.bmm(layers[layer].mT, slope).flatten(1), slope.sum(1), *parts]
             if layer:
-                slope = torch.ops.aten.tanh_backward(slope @ self.weights[layer].mT, layers[layer])
+                slope = torch.ops.aten.tanh_backward(torch.bmm(slope, self.weights[layer].mT), layers[layer])
         return torch.cat(parts, dim=1)
 
     def exported(self, seed_index: int, card: dict[str, Any]) -> Network:

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from trainers.checkpoints import CheckpointError
 from trainers.training import MEASURES, Training
+from trainers.transitions import Transitions
 
 
 def tensors_of(training: Training) -> dict[str, Tensor]:
@@ -19,8 +20,7 @@ def tensors_of(training: Training) -> dict[str, Tensor]:
     held |= {"best": training.best, **_kept(training), "measures": torch.as_tensor(training.measures)}
     for name, value in learner.optimiser.state[learner.online.flat].items():
         held[f"optimiser.{name}"] = value
-    for name, value in learner.buffer[:].items():
-        held[f"buffer.{name}"] = value
+    held["buffer"] = learner.buffer[:]
     held |= {f"env.{name}": value for name, value in training.env.state_dict_of_env().items()}
     return {name: value.clone() for name, value in held.items()}
 
@@ -40,8 +40,6 @@ def record_of(training: Training) -> dict[str, int]:
         "epoch": training.epoch,
         "decisions": training.decisions,
         "updates": learner.updates,
-        "learning_rounds": learner.rounds,
-        "collecting_rounds": training.explorer.rounds,
         "cursor": learner.buffer.writer.state_dict()["_cursor"],
     }
 
@@ -50,13 +48,13 @@ def _template(training: Training) -> dict[str, Tensor]:
     """Tensors as a checkpoint holds them, with one row of the buffer and one epoch of metrics."""
     seeds, flat = len(training.seeds), training.learner.online.flat
     explorer = training.make_explorer(training.env.world, compile=False)
-    explorer.env.restart()
-    rows = explorer.collect(training.learner.online, 1.0, 1)[:1]
+    explorer.restart()
+    rows = explorer.collect(training.learner.online, 1.0, explorer.n_steps)[:1]
     held = {"online": flat, "target": flat, "played": flat, "best": flat}
     held |= {"optimiser.step": torch.zeros(()), "optimiser.exp_avg": flat, "optimiser.exp_avg_sq": flat}
     held |= _kept(training)
     held["measures"] = torch.zeros(1, seeds, len(MEASURES), dtype=torch.float64)
-    held |= {f"buffer.{name}": value for name, value in rows.items()}
+    held["buffer"] = rows
     return held | {f"env.{name}": value for name, value in explorer.env.state_dict_of_env().items()}
 
 
@@ -64,7 +62,7 @@ def largest(training: Training) -> int:
     """Bytes that the tensor file of a checkpoint can have at most."""
     learning, size = training.settings.learning, 2**20  # the header
     for name, value in _template(training).items():
-        rows = learning.buffer_size if name.startswith("buffer.") else 1
+        rows = learning.buffer_size if name == "buffer" else 1
         size += value.nbytes * (learning.epochs if name == "measures" else rows)
     return size
 
@@ -81,16 +79,12 @@ def restore(training: Training, tensors: dict[str, Tensor], record: dict[str, in
     training.measures = tensors["measures"].numpy()
     state = {name: held[f"optimiser.{name}"] for name in ("step", "exp_avg", "exp_avg_sq")}
     learner.optimiser.state[learner.online.flat] = state
-    stored = {
-        name.removeprefix("buffer."): value for name, value in held.items() if name.startswith("buffer.")
-    }
-    learner.refill(stored, record["cursor"])
+    learner.refill(held["buffer"], record["cursor"])
     training.env.load_state_dict_of_env(
         {name.removeprefix("env."): value for name, value in tensors.items() if name.startswith("env.")}
     )
     training.epoch, training.decisions = record["epoch"], record["decisions"]
-    learner.updates, learner.rounds = record["updates"], record["learning_rounds"]
-    training.explorer.rounds = record["collecting_rounds"]
+    learner.updates = record["updates"]
 
 
 def _check(training: Training, tensors: dict[str, Tensor], record: dict[str, int]) -> None:
@@ -102,10 +96,10 @@ def _check(training: Training, tensors: dict[str, Tensor], record: dict[str, int
     if tensors.keys() != template.keys():
         other = ", ".join(sorted(tensors.keys() ^ template.keys()))
         raise CheckpointError(f"checkpoint must hold what this run needs, but differs in {other}")
-    action = tensors["buffer.action"]
-    rows = len(action) if action.ndim else 0
+    rows = len(tensors["buffer"]) if tensors["buffer"].ndim else 0
     _check_shapes(tensors, template, rows, record["epoch"])
     known = training.env.world.n_actions
+    action = Transitions.unpacked(tensors["buffer"]).action
     if not 0 < rows <= learning.buffer_size or action.min() < 0 or action.max() >= known:
         raise CheckpointError(
             f"checkpoint's buffer must hold 1 to {learning.buffer_size} rows of known actions"
@@ -119,7 +113,7 @@ def _check_shapes(tensors: dict[str, Tensor], template: dict[str, Tensor], rows:
         value, shape = tensors[name], tuple(expected.shape)
         if name == "measures":
             shape = (epochs, *shape[1:])
-        elif name.startswith("buffer."):
+        elif name == "buffer":
             shape = (rows, *shape[1:])
         if value.dtype != expected.dtype or tuple(value.shape) != shape:
             raise CheckpointError(

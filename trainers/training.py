@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -19,6 +20,7 @@ from trainers.collecting import Explorer
 from trainers.dqn import Learner
 from trainers.runs import METRIC_COLUMNS, RunError
 from trainers.settings import LearningSettings, Settings
+from trainers.transitions import Transitions
 from trainers.validating import Validation
 
 WORTH_COMPILING = 100_000  # decisions, from which compiling is the faster way (`benchmarks/training_path.py`)
@@ -89,17 +91,20 @@ class Training:
     def run_epoch(self) -> None:
         """One life of every cell, with rounds of updates in between, then validation where it is due."""
         settings, learning = self.settings, self.settings.learning
-        self.env.restart()
+        self.explorer.restart()
+        self.learner.begin(self.epoch)
         longest = self.env.world.max_decisions
         losses, values, done = [], [], 0
-        while done < longest and (done == 0 or not self.explorer.everyone_done()):
+        while done < longest and (done == 0 or not self.env.all_finished()):
             progress = (self.epoch + done / longest) / learning.epochs
             epsilon = epsilon_at(learning, self.epoch, progress)
             decisions = min(learning.collect or longest, longest - done)
             rows = self.explorer.collect(self.learner.online, epsilon, decisions)
-            self._check_rewards(rows["reward"])
+            done = int(self.env.decision[0])
+            if not len(rows):  # returns over several decisions take some to begin with
+                continue
+            self._check_rewards(rows)
             self.learner.remember(rows)
-            done += len(rows) // self.explorer.cells
             loss, value = self.learner.learn(
                 lambda updates, p=progress: learning_rate_at(learning, updates, p)
             )
@@ -124,10 +129,13 @@ class Training:
         self.best = torch.where(mask, network.flat, self.best)
         return gain
 
-    def _check_rewards(self, reward: Tensor) -> None:
-        """Raises TrainingError where a reward (rows, seeds) is not finite: it would spoil the buffer for
+    def _check_rewards(self, rows: Tensor) -> None:
+        """Raises TrainingError where a reward of packed rows is not finite: it would spoil the buffer for
         good.
         """
+        if math.isfinite(rows.sum()):
+            return
+        reward = Transitions.unpacked(rows).reward
         wrong = ~reward.isfinite()
         if wrong.any():
             row, place = wrong.nonzero()[0].tolist()
