@@ -2,7 +2,8 @@
 
 References, in the same rounds: one sine and one cosine of as many float32 numbers as there are cells, as
 torch does it (`torch.sin`, `torch.cos`) and as torch's compiler does it; and copying as many bytes as a
-decision writes.
+decision writes. Where Intel's library serves torch, how long a sine takes depends on the processor it finds:
+for the targets the pass is timed in its portable code, too, in a process of its own (`MKL_CBWR=COMPATIBLE`).
 """
 
 from __future__ import annotations
@@ -10,6 +11,9 @@ from __future__ import annotations
 import functools
 import gc
 import itertools
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -57,6 +61,28 @@ def references(cells: int, written: int) -> dict[str, Call]:
 
     fast = compiled(_sine_and_cosine)
     return {"pass": plain, "compiled pass": lambda: fast(numbers), "copy": lambda: target.copy_(source)}
+
+
+PORTABLE = """
+import torch
+from benchmarks.batched_path import references
+from benchmarks.timing import best_times
+torch.set_num_threads(1)
+call = references({cells}, 1)["pass"]
+print(best_times({{"pass": call}}, seconds=1.0, turn=4e-3)["pass"])
+"""
+
+
+def portable_pass(cells: int) -> float:
+    """Seconds of the pass as Intel's library computes on any processor, one thread."""
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", PORTABLE.format(cells=cells)],
+        env={**os.environ, "MKL_CBWR": "COMPATIBLE"},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return float(done.stdout.split()[-1])
 
 
 def _sine_and_cosine(numbers: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -141,10 +167,13 @@ def targets(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         if (row["worlds"], row["threads"], row["how"]) == (size, 1, "compiled")
     }
     found = []
+    portable = portable_pass(size * CELLS) * 1e6
     for case, limit in AT_MOST.items():
         step, env = chosen[case, "world.step"], chosen[case, "SwarmEnv.step"]
+        step = {**step, f"of portable sin+cos, {portable:.3g} µs": step["µs"] / portable}
         for measured, reference, at_most in (
             (step, "of sin+cos", limit),
+            (step, f"of portable sin+cos, {portable:.3g} µs", limit),
             (step, "of compiled sin+cos", limit),
             (step, "of copy", None),
             (env, "of world.step", ENV_AT_MOST),

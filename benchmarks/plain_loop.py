@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+import numpy as np
 import torch
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
@@ -18,7 +19,7 @@ from trainers.settings import Settings
 
 
 class PlainLoop:
-    """The loop one would write by hand: tensors for a buffer, modules, autograd, Polyak by foreach."""
+    """The loop one would write by hand: cells in NumPy, buffer in tensors, autograd, Polyak by foreach."""
 
     def __init__(self, settings: Settings) -> None:
         self.learning = learning = settings.learning
@@ -45,15 +46,15 @@ class PlainLoop:
             self.world, self.learning.n_swimmers, 0, population="training", episode=self.episode
         )
         self.episode += 1
-        position, heading = (torch.as_tensor(part, dtype=torch.float32) for part in starts[:2])
-        return self.world.start(position, heading, torch.as_tensor(starts.past))
+        position, heading = (part.astype(np.float32) for part in starts[:2])
+        return self.world.start(position, heading, starts.past)
 
     def epoch(self) -> None:
         """One life of every cell with its rounds of updates."""
         learning, world = self.learning, self.world
         with torch.no_grad():
             state = self.start()
-            observation = world.observation(state)
+            observation = torch.from_numpy(world.observation(state))
         left = world.max_decisions
         while left:
             decisions = min(learning.collect, left)
@@ -70,10 +71,10 @@ class PlainLoop:
             best = self.online(seen[-1]).argmax(-1)
             explores = torch.rand(len(best)) < 0.1
             action = torch.where(explores, torch.randint(world.n_actions, best.shape), best)
-            state, outcome = world.step(state, action)
-            seen.append(outcome.observation)
+            state, outcome = world.step(state, action.numpy())
+            seen.append(torch.from_numpy(outcome.observation))
             actions.append(action)
-            rewards.append(outcome.reward)
+            rewards.append(torch.from_numpy(outcome.reward))
         reward, following = torch.stack(rewards), torch.stack(seen[1:])
         bootstrap = torch.full_like(reward, learning.discount)
         total = reward.clone()

@@ -40,7 +40,8 @@ from trainers.training import Training
 begun = perf_counter()
 with torch.inference_mode():
     training = Training(settings_from(["experiment=linear_n4"]))
-    training.env.restart()
+    training.explorer.restart()
+    training.learner.begin(0)
     training.learner.remember(training.explorer.collect(training.learner.online, 1.0, 8))
     training.learner.learn(lambda updates: 1e-3)
 print(perf_counter() - begun)
@@ -83,7 +84,7 @@ def same_work(seconds: float) -> list[dict[str, Any]]:
 
     @torch.inference_mode()
     def our_update() -> None:
-        batch = learner.buffer.sample(learner.settings.batch_size)
+        batch = learner.sample(learner.settings.batch_size)
         learner.online.flat.grad = dqn_loss(
             learner.online, learner.target, batch, double=True, kind="huber"
         ).gradient

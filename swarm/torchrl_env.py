@@ -214,7 +214,8 @@ class SwarmEnv(EnvBase):
         observation = self.restart(worlds)
         assert self._state is not None
         done = self._tensor(self._state.finished)[..., None]
-        fresh = torch.as_tensor(np.ones(self.n_worlds, bool) if worlds is None else worlds, device=self._place)
+        chosen = np.ones(self.n_worlds, bool) if worlds is None else worlds
+        fresh = torch.as_tensor(chosen, device=self._place)
         self._terminated = _where(fresh, torch.zeros_like(done), self._terminated)
         return self._pack(observation, self.gain(), done)
 

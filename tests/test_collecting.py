@@ -161,9 +161,7 @@ def test_returns_cross_the_rounds_of_collecting(parts, radial):
     lived = one.valid > 0
     assert torch.equal(lived, more.valid > 0)
     assert lived.all() != radial
-    expected = multi_step(
-        one.reward, one.next_observation, one.bootstrap == 0, lived, discount=0.9, steps=3
-    )
+    expected = multi_step(one.reward, one.next_observation, one.bootstrap == 0, lived, discount=0.9, steps=3)
     for got, wanted in zip((more.reward, more.next_observation, more.bootstrap), expected, strict=True):
         assert torch.equal(got[lived], wanted[lived])
 

@@ -110,7 +110,7 @@ def test_the_table_is_ordered_by_gain(without_limit):
 def test_a_folder_that_is_there_is_refused_before_anything_is_computed(tmp_path, monkeypatch):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "precious").write_text("1")
-    monkeypatch.setattr(population, "_lives", lambda *_: pytest.fail("computed"))
+    monkeypatch.setattr(population, "lives", lambda *_, **__: pytest.fail("computed"))
     with pytest.raises(FileExistsError, match=str(tmp_path / "out")):
         evaluate("greedy", World(), experiment="linear_n4", out=tmp_path / "out")
 

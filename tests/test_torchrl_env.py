@@ -12,7 +12,7 @@ from tensordict import TensorDict
 from torchrl.envs import PettingZooWrapper, check_env_specs
 from torchrl.modules import RandomPolicy
 
-from swarm import World, parallel_env
+from swarm import World, parallel_env, torchrl_env
 from swarm.starts import NOISE_BLOCK
 from swarm.torchrl_env import SwarmEnv
 
@@ -32,6 +32,13 @@ WORLDS = {
     "around an egg": NEAR_EGG,
     "three curvatures": {"curvatures": (3.0, 4.0, 5.0)},
 }
+
+
+@pytest.fixture(params=["numpy", "torch"], autouse=True)
+def library(request, monkeypatch):
+    """What computes the decisions of few cells."""
+    if request.param == "torch":
+        monkeypatch.setattr(torchrl_env, "NUMPY_CELLS", 0)
 
 
 def environment(n_worlds=2, n_swimmers=3, life=6.0, **parameters):
@@ -280,6 +287,51 @@ def test_the_global_generators_stay_as_they_are():
     assert torch.equal(before[2], after[2])
 
 
+# --- NumPy and torch ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("parameters", WORLDS.values(), ids=WORLDS)
+def test_few_cells_live_the_lives_of_many(monkeypatch, parameters):
+    few = environment(2, 3, dtype="float64", **parameters)
+    monkeypatch.setattr(torchrl_env, "NUMPY_CELLS", 5)
+    many = environment(2, 3, dtype="float64", **parameters)
+    assert not many._in_numpy
+    torch.testing.assert_close(few.restart(), many.restart())
+    for action in random_actions(few):
+        one, other = (env.advance(torch.as_tensor(action)) for env in (few, many))
+        torch.testing.assert_close(tuple(one), tuple(other))
+        torch.testing.assert_close(few.gain(), many.gain())
+        if few.all_finished():
+            break
+    assert many.all_finished()
+    again = np.array([False, True])
+    torch.testing.assert_close(few.restart(again), many.restart(again))
+    many.load_state_dict_of_env(few.state_dict_of_env())
+    action = torch.zeros(2, 3, dtype=torch.int64)
+    torch.testing.assert_close(tuple(few.advance(action)), tuple(many.advance(action)))
+
+
+def test_only_few_cells_on_the_processor_decide_in_numpy(monkeypatch):
+    monkeypatch.setattr(torchrl_env, "NUMPY_CELLS", 6)
+    assert environment(2, 3)._in_numpy
+    assert not environment(2, 4)._in_numpy
+    assert not environment(2, 3, compile_step=True)._in_numpy
+
+
+def test_what_was_handed_out_stays_as_it_was():
+    env = environment(life=20.0, **NOISE, **VORTICES)
+    env.restart()
+    held = [(env.state, env.observation)]
+    copies = [[each.clone() for each in (*env.state, env.observation)]]
+    for action, _ in zip(random_actions(env), range(10), strict=False):
+        result = env.advance(torch.as_tensor(action))
+        held.append((env.state, *result))
+        copies.append([each.clone() for each in (*env.state, *result)])
+    env.restart()
+    for (state, *others), before in zip(held, copies, strict=True):
+        assert all(torch.equal(*pair) for pair in zip((*state, *others), before, strict=True))
+
+
 # --- arguments ----------------------------------------------------------------------------------------------
 
 
@@ -387,6 +439,8 @@ def test_a_compiled_environment_lives_the_same_lives():
 
 
 def test_without_a_compiler_the_environment_goes_on_uncompiled_and_says_so(monkeypatch, capfd):
+    monkeypatch.setattr(torchrl_env, "NUMPY_CELLS", 0)  # it goes on in torch
+
     def without_compiler(function, **options):
         def call(*arguments):
             raise RuntimeError("no working C++ compiler found\nand much more")

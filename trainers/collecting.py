@@ -29,8 +29,9 @@ def multi_step(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Returns over up to `steps` decisions: reward, observation they lead to, and what its value counts for.
 
-    All (decisions, ...), observations (decisions, ..., inputs). Sums γᵏ r until the life or what is given ends; the last factor is γᵏ, 0 after a termination (Sutton and Barto 2018, eq. 7.1). The same
-    as TorchRL's `MultiStep` within a life (a test holds it), without its overhead.
+    All (decisions, ...), observations (decisions, ..., inputs). Sums γᵏ r until the life or what is given
+    ends; the last factor is γᵏ, 0 after a termination (Sutton and Barto 2018, eq. 7.1). The same as TorchRL's
+    `MultiStep` within a life (a test holds it), without its overhead.
     """
     once = discount * (~terminated).to(reward.dtype)
     total, reached, bootstrap = reward.clone(), following.clone(), once.clone()

@@ -23,7 +23,7 @@ from trainers.settings import LearningSettings, Settings
 from trainers.transitions import Transitions
 from trainers.validating import Validation
 
-WORTH_COMPILING = 100_000  # decisions, from which compiling is the faster way (`benchmarks/training_path.py`)
+WORTH_COMPILING = 3e8  # decisions of a cell, from which compiling saves more time than it takes
 MEASURES = METRIC_COLUMNS[2:]  # all but epoch and seed
 
 
@@ -57,8 +57,9 @@ class Training:
         self.seeds = settings.seeds
         learning = settings.learning
         world = settings.training_world()
+        cells = learning.n_worlds * len(self.seeds) * learning.n_swimmers
         fast = settings.compile == "always" or (
-            settings.compile == "auto" and learning.epochs * world.max_decisions >= WORTH_COMPILING
+            settings.compile == "auto" and cells * learning.epochs * world.max_decisions >= WORTH_COMPILING
         )
         self.explorer = self.make_explorer(world, fast)
         self.env = self.explorer.env

@@ -1,6 +1,6 @@
-"""Transitions: what a learner sees of a decision, and the rows of numbers in which a replay buffer keeps them.
+"""Transitions: what a learner sees of a decision, and the rows of numbers that a replay buffer keeps.
 
-TorchRL's buffers take a TensorDict apart entry by entry; a single tensor goes in and out in one operation each.
+TorchRL's buffers take a TensorDict apart entry by entry; a single tensor goes in and out by one operation.
 """
 
 from __future__ import annotations

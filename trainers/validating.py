@@ -14,8 +14,9 @@ from trainers.q_network import QNetwork
 
 
 class Validation:
-    """A world of `cells` cells for every seed, drawn from the seed's validation streams; `limits` and `greedy`
-    are (seeds,).
+    """A world of `cells` cells for every seed, drawn from the seed's validation streams.
+
+    `limits` (None where there is none) and `greedy`, the gain of that strategy, are (seeds,).
     """
 
     def __init__(self, world: World, cells: int, seeds: list[int], device: str = "cpu") -> None:
