@@ -33,24 +33,26 @@ SEEDS, SEARCH_SEEDS, CONFIRMING_SEEDS = range(5), range(100, 105), range(105, 11
 EXPERIMENTS = ("linear_n4", "linear_n8")
 STABLE_BASELINES3: dict[str, dict[str, Any]] = {  # found by the search; ours are the settings as shipped
     "linear_n4": {
-        "collect": 2,
+        "n_swimmers": 60,
+        "collect": 6,
         "updates_per_decision": 1.0,
-        "batch_size": 128,
-        "hidden": [48, 48, 48],
-        "n_steps": 3,
+        "batch_size": 256,
+        "hidden": [48],
+        "n_steps": 5,
         "discount": 0.98,
-        "learning_rate": 5e-3,
+        "learning_rate": 1.5e-2,
         "target_rate": 0.1,
-        "epsilon_start": 0.1,
+        "epsilon_start": 0.3,
     },
     "linear_n8": {
-        "collect": 2,
+        "n_swimmers": 40,
+        "collect": 12,
         "updates_per_decision": 1.0,
         "batch_size": 128,
-        "hidden": [48, 48, 48],
+        "hidden": [48, 48],
         "n_steps": 3,
         "discount": 0.98,
-        "learning_rate": 5e-3,
+        "learning_rate": 1.5e-2,
         "target_rate": 0.1,
         "epsilon_start": 0.1,
     },
@@ -116,9 +118,9 @@ class Watch:
 
 def settings_of(experiment: str, seed: int, changed: dict[str, Any]) -> Settings:
     """The experiment as shipped, but for the settings `changed`."""
-    changed = dict(changed)
-    if "updates_per_decision" in changed:
-        changed["updates"] = max(1, round(changed["collect"] * changed.pop("updates_per_decision")))
+    shipped, changed = settings_from([f"experiment={experiment}"]).learning, dict(changed)
+    per_decision = changed.pop("updates_per_decision", shipped.updates / shipped.collect)
+    changed["updates"] = max(1, round(changed.get("collect", shipped.collect) * per_decision))
     words = [f"learning.{name}={value}" for name, value in changed.items()]
     return settings_from([f"experiment={experiment}", f"seed={seed}", "compile=never", *words])
 

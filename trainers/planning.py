@@ -93,7 +93,7 @@ def expected_seconds(settings: Settings) -> float:
     learning, world, seeds = settings.learning, settings.training_world(), settings.n_seeds
 
     def decision(cells: int) -> float:
-        return 2.5e-4 + (3e-6 if world.in_flow else 1.5e-6) * cells * seeds
+        return 1.6e-4 + (8e-7 if world.in_flow else 3e-7) * cells * seeds
 
     checked = settings.validation
     validations = learning.epochs / checked.every
