@@ -115,10 +115,15 @@ def ways(world: World, worlds: int, fast: bool) -> tuple[dict[str, Call], State,
     packed = itertools.cycle(
         [TensorDict({GROUP: TensorDict({"action": draw}, (worlds, CELLS))}, (worlds,)) for draw in draws]
     )
+
+    def env_step() -> None:
+        data = env.step(next(packed))
+        del data["next"]  # as in a rollout: TorchRL would merge what is there already
+
     calls = {
         "world.step": lambda: step(state, next(bare)),
         "SwarmEnv.advance": lambda: env.advance(next(advance)),
-        "SwarmEnv.step": lambda: env.step(next(packed)),
+        "SwarmEnv.step": env_step,
     }
     return calls, state, written
 
