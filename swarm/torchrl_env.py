@@ -330,7 +330,9 @@ class SwarmEnv(EnvBase):
 
     def _tensor(self, array: Array) -> Tensor:
         """What decisions computed, as a tensor."""
-        return torch.from_numpy(array) if self._in_numpy else array
+        if not self._in_numpy:
+            return array
+        return torch.from_numpy(array if array.flags.writeable else array.copy())
 
 
 def _all_cells(flags: Tensor) -> Tensor:

@@ -332,6 +332,25 @@ def test_what_was_handed_out_stays_as_it_was():
         assert all(torch.equal(*pair) for pair in zip((*state, *others), before, strict=True))
 
 
+def test_a_field_may_return_what_cannot_be_written_to():
+    class Flat:
+        gradient_scale = 1.0
+
+        def concentration(self, position):
+            if isinstance(position, np.ndarray):
+                return np.broadcast_to(position.dtype.type(2.0), position.shape[:-1])
+            return position.new_full((), 2.0).expand(position.shape[:-1])
+
+    env = environment(field=Flat())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env.restart()
+        result = env.advance(torch.zeros(2, 3, dtype=torch.int64))
+        assert (env.state.start_concentration == 2.0).all()
+    assert not result.reward.any()
+    assert not env.gain().any()
+
+
 # --- arguments ----------------------------------------------------------------------------------------------
 
 

@@ -61,8 +61,8 @@ class Learner:
         self.played = self.online.copy() if settings.average_rate < 1 else self.online
         self.optimiser = torch.optim.Adam([self.online.flat], lr=settings.learning_rate, fused=True)
         self.buffer = ReplayBuffer(storage=LazyTensorStorage(settings.buffer_size, device=device))
-        self._draws = [torch.Generator() for _ in seeds]
-        self._places = torch.arange(len(seeds))[:, None]
+        self._draws = [torch.Generator(self.device) for _ in seeds]
+        self._places = torch.arange(len(seeds), device=self.device)[:, None]
         self.updates = 0
 
     def begin(self, epoch: int) -> None:
@@ -82,7 +82,10 @@ class Learner:
 
     def sample(self, rows: int) -> Transitions:
         """Transitions (seeds, rows), drawn uniformly with replacement for every seed by its own generator."""
-        drawn = [torch.randint(len(self.buffer), (rows,), generator=each) for each in self._draws]
+        drawn = [
+            torch.randint(len(self.buffer), (rows,), generator=each, device=self.device)
+            for each in self._draws
+        ]
         return Transitions.unpacked(self.buffer.storage.get((torch.stack(drawn), self._places)))
 
     def learn(self, learning_rate: Any) -> tuple[Tensor, Tensor]:
