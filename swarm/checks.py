@@ -6,6 +6,7 @@ import difflib
 import math
 import numbers
 import operator
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -46,6 +47,8 @@ def check_count(name: str, value: Any, *, at_least: int = 1) -> int:
         raise TypeError(f"{name} must be {rule}, got {value!r}") from None
     if number < at_least:
         raise ValueError(f"{name} must be {rule}, got {number}")
+    if number > sys.maxsize:
+        raise ValueError(f"{name} must be at most {sys.maxsize}, got {number}")
     return number
 
 

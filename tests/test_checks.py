@@ -106,6 +106,8 @@ def test_counts():
     for bad in (0, -1):
         with pytest.raises(ValueError, match=f"thing must be a whole number of at least 1, got {bad}"):
             check_count("thing", bad)
+    with pytest.raises(ValueError, match=f"thing must be at most {2**63 - 1}, got {10**20}"):
+        check_count("thing", 10**20)
 
 
 def test_flags():
