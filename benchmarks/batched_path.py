@@ -69,7 +69,7 @@ from benchmarks.batched_path import references
 from benchmarks.timing import best_times
 torch.set_num_threads(1)
 call = references({cells}, 1)["pass"]
-print(best_times({{"pass": call}}, seconds=1.0, turn=4e-3)["pass"])
+print(best_times({{"pass": call}}, seconds=1.0, turn=2e-2)["pass"])
 """
 
 
@@ -138,7 +138,7 @@ def measure(case: str, worlds: int, number: int, seconds: float) -> list[dict[st
             made, _, written = ways(world, worlds, mode == "compiled")
             calls |= {f"{mode} {name}": call for name, call in made.items()}
         passes = references(cells, written)
-        times = best_times(calls | passes, seconds=seconds, turn=4e-3)
+        times = best_times(calls | passes, seconds=seconds, turn=2e-2)
     rows = []
     for name in calls:
         mode, way = name.split(" ", 1)
@@ -208,7 +208,7 @@ def growth(sizes: list[int], seconds: float) -> list[dict[str, Any]]:
                 calls[cells] = made["world.step"]
                 memory[cells] = bytes_of(*state) / cells, written / cells
             times = best_times(
-                {str(cells): call for cells, call in calls.items()}, seconds=seconds, turn=4e-3
+                {str(cells): call for cells, call in calls.items()}, seconds=seconds, turn=2e-2
             )
         for cells in sizes:
             cost = times[str(cells)] / cells

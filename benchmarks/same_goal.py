@@ -46,15 +46,15 @@ STABLE_BASELINES3: dict[str, dict[str, Any]] = {  # found by the search; ours ar
     },
     "linear_n8": {
         "n_swimmers": 40,
-        "collect": 12,
+        "collect": 3,
         "updates_per_decision": 1.0,
-        "batch_size": 128,
-        "hidden": [48, 48],
-        "n_steps": 3,
-        "discount": 0.98,
+        "batch_size": 256,
+        "hidden": [64],
+        "n_steps": 5,
+        "discount": 0.97,
         "learning_rate": 1.5e-2,
         "target_rate": 0.1,
-        "epsilon_start": 0.1,
+        "epsilon_start": 0.5,
     },
 }
 SPACE: dict[str, list[Any]] = {

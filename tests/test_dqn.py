@@ -141,8 +141,8 @@ def test_rows_that_are_not_valid_count_for_nothing(kind):
     data.valid[:, 40:] = 0
     data.reward[:, 40:] = 1e6
     masked = dqn_loss(online, target, data, double=True, kind=kind)
-    for expected, got in zip(whole, masked, strict=True):
-        assert torch.allclose(expected, got, rtol=1e-5, atol=1e-6)
+    for name in ("loss", "value", "gradient"):
+        assert torch.allclose(getattr(whole, name), getattr(masked, name), rtol=1e-5, atol=1e-6)
     data.valid[:] = 0
     nothing = dqn_loss(online, target, data, double=True, kind=kind)
     assert not nothing.loss.any()

@@ -429,7 +429,7 @@ def test_a_loss_that_is_no_number_ends_the_run_and_names_the_epoch(monkeypatch, 
 
     def loss(*arguments, **options):
         outcome = original(*arguments, **options)
-        return outcome._replace(loss=outcome.loss * number) if next(calls) == 29 else outcome
+        return outcome._replace(error=outcome.error * number) if next(calls) == 29 else outcome
 
     with monkeypatch.context() as patch:
         patch.setattr(dqn, "dqn_loss", loss)

@@ -15,11 +15,26 @@ from trainers.transitions import Transitions
 
 
 class LossOutcome(NamedTuple):
-    """What one batch says."""
+    """What one batch says; what is only looked at is computed when it is."""
 
-    loss: Tensor  # (seeds,)
-    value: Tensor  # (seeds,) mean of the chosen actions' values
+    error: Tensor  # (seeds, rows) value of the chosen action less its target
+    slope: Tensor  # (seeds, rows) of a row's loss by the value
+    chosen: Tensor  # (seeds, rows) value of the chosen action
+    weight: Tensor  # (seeds, rows) of a row in the means: 1 / valid rows, or 0
     gradient: Tensor  # (seeds, parameters)
+    kind: str
+
+    @property
+    def loss(self) -> Tensor:
+        """Mean loss (seeds,)."""
+        huber = self.kind == "huber"
+        each = self.slope * (self.error - 0.5 * self.slope) if huber else self.error * self.error
+        return (each * self.weight).sum(-1)
+
+    @property
+    def value(self) -> Tensor:
+        """Mean value (seeds,) of the chosen actions."""
+        return (self.chosen * self.weight).sum(-1)
 
 
 def dqn_loss(
@@ -37,13 +52,12 @@ def dqn_loss(
     best = following.gather(-1, chooser.argmax(-1, keepdim=True)).squeeze(-1)
     layers = online.layers(batch.observation)
     action = batch.action.unsqueeze(-1)
-    value = layers[-1].gather(-1, action).squeeze(-1)
-    error = value - torch.addcmul(batch.reward, batch.bootstrap, best)
-    weight = batch.valid / batch.valid.sum(-1, keepdim=True).clamp(min=1)
+    chosen = layers[-1].gather(-1, action).squeeze(-1)
+    error = chosen - torch.addcmul(batch.reward, batch.bootstrap, best)
+    weight = batch.valid / batch.valid.sum(-1, keepdim=True).clamp_(min=1)
     slope = error.clamp(-1, 1) if kind == "huber" else 2 * error
-    loss = slope * (error - 0.5 * slope) if kind == "huber" else error * error
     slopes = torch.zeros_like(layers[-1]).scatter_(-1, action, (slope * weight).unsqueeze(-1))
-    return LossOutcome((loss * weight).sum(-1), (value * weight).sum(-1), online.gradient(layers, slopes))
+    return LossOutcome(error, slope, chosen, weight, online.gradient(layers, slopes), kind)
 
 
 class Learner:
