@@ -85,10 +85,8 @@ def same_work(seconds: float) -> list[dict[str, Any]]:
     @torch.inference_mode()
     def our_update() -> None:
         batch = learner.sample(learner.settings.batch_size)
-        learner.online.flat.grad = dqn_loss(
-            learner.online, learner.target, batch, double=True, kind="huber"
-        ).gradient
-        learner.optimiser.step()
+        outcome = dqn_loss(learner.online, learner.target, batch, double=True, kind="huber")
+        learner.descend(outcome.gradient)
         learner.target.flat.lerp_(learner.online.flat, 0.02)
 
     epochs = best_times({"ours": our_epoch, "plain": plain.epoch}, seconds=seconds)

@@ -283,11 +283,24 @@ def test_an_update_is_adams():
     made = learner((0,), updates=1)
     before = made.online.flat.clone()
     made.learn(lambda updates: 0.003)
-    step = (
-        made.online.flat - before
-    )  # the first step of Adam has the size of the rate wherever there is a slope
-    moved = made.online.flat.grad.abs() > 1e-4
-    assert torch.allclose(step[moved], -0.003 * made.online.flat.grad[moved].sign(), rtol=1e-3)
+    gradient = made.moments["exp_avg"] / 0.1
+    step = made.online.flat - before  # Adam's first has the size of the rate wherever there is a slope
+    moved = gradient.abs() > 1e-4
+    assert moved.any()
+    assert torch.allclose(step[moved], -0.003 * gradient[moved].sign(), rtol=1e-3)
+
+
+def test_descending_is_what_torchs_optimiser_does():
+    made, generator = learner((0, 1)), torch.Generator().manual_seed(0)
+    twin = made.online.flat.clone().requires_grad_()
+    optimiser = torch.optim.Adam([twin])
+    for rate in (0.01, 0.003, 0.02):
+        gradient = torch.randn(twin.shape, generator=generator)
+        made.rate = optimiser.param_groups[0]["lr"] = rate
+        made.descend(gradient)
+        twin.grad = gradient.clone()
+        optimiser.step()
+    assert torch.allclose(made.online.flat, twin, rtol=1e-5, atol=1e-7)
 
 
 def test_the_learning_rate_is_asked_for_at_every_update():

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch.optim.adam import adam
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 
 from swarm import streams
@@ -73,7 +74,12 @@ class Learner:
         self.online = QNetwork.create((n_inputs, *settings.hidden, n_actions), generators, device)
         self.target = self.online.copy() if settings.target_rate < 1 else self.online
         self.played = self.online.copy() if settings.average_rate < 1 else self.online
-        self.optimiser = torch.optim.Adam([self.online.flat], lr=settings.learning_rate, fused=True)
+        self.moments = {  # of Adam
+            "step": torch.zeros((), device=self.device),
+            "exp_avg": torch.zeros_like(self.online.flat),
+            "exp_avg_sq": torch.zeros_like(self.online.flat),
+        }
+        self.rate = settings.learning_rate  # of the last update
         self.buffer = ReplayBuffer(storage=LazyTensorStorage(settings.buffer_size, device=device))
         self._draws = [torch.Generator(self.device) for _ in seeds]
         self._places = torch.arange(len(seeds), device=self.device)[:, None]
@@ -96,11 +102,33 @@ class Learner:
 
     def sample(self, rows: int) -> Transitions:
         """Transitions (seeds, rows), drawn uniformly with replacement for every seed by its own generator."""
-        drawn = [
-            torch.randint(len(self.buffer), (rows,), generator=each, device=self.device)
-            for each in self._draws
-        ]
-        return Transitions.unpacked(self.buffer.storage.get((torch.stack(drawn), self._places)))
+        length, seeds = len(self.buffer), len(self.seeds)
+        drawn = [torch.randint(length, (rows,), generator=each, device=self.device) for each in self._draws]
+        places = (torch.stack(drawn) * seeds + self._places).flatten()
+        stored = self.buffer[:].flatten(0, 1)  # views
+        return Transitions.unpacked(stored.index_select(0, places).unflatten(0, (seeds, rows)))
+
+    def descend(self, gradient: Tensor) -> None:
+        """One step of Adam (Kingma and Ba 2015) along `gradient` (seeds, parameters).
+
+        Torch's function, not its optimiser, which looks longer at a single tensor than it takes to change it.
+        """
+        adam(
+            [self.online.flat],
+            [gradient],
+            [self.moments["exp_avg"]],
+            [self.moments["exp_avg_sq"]],
+            [],
+            [self.moments["step"]],
+            fused=True,
+            amsgrad=False,
+            beta1=0.9,
+            beta2=0.999,
+            lr=self.rate,
+            weight_decay=0.0,
+            eps=1e-8,
+            maximize=False,
+        )
 
     def learn(self, learning_rate: Any) -> tuple[Tensor, Tensor]:
         """One round of updates; `learning_rate` maps the count of updates to a rate. Returns loss and value
@@ -110,9 +138,8 @@ class Learner:
         outcome = None
         for batch in self.sample(settings.updates * settings.batch_size).batches(settings.batch_size):
             outcome = dqn_loss(self.online, self.target, batch, double=settings.double, kind=settings.loss)
-            self.online.flat.grad = outcome.gradient
-            self.optimiser.param_groups[0]["lr"] = learning_rate(self.updates)
-            self.optimiser.step()
+            self.rate = learning_rate(self.updates)
+            self.descend(outcome.gradient)
             self.updates += 1
             for follower, rate in ((self.target, settings.target_rate), (self.played, settings.average_rate)):
                 if follower is not self.online:

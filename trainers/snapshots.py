@@ -18,8 +18,7 @@ def tensors_of(training: Training) -> dict[str, Tensor]:
     learner = training.learner
     held = {"online": learner.online.flat, "target": learner.target.flat, "played": learner.played.flat}
     held |= {"best": training.best, **_kept(training), "measures": torch.as_tensor(training.measures)}
-    for name, value in learner.optimiser.state[learner.online.flat].items():
-        held[f"optimiser.{name}"] = value
+    held |= {f"optimiser.{name}": value for name, value in learner.moments.items()}
     held["buffer"] = learner.buffer[:]
     held |= {f"env.{name}": value for name, value in training.env.state_dict_of_env().items()}
     return {name: value.clone() for name, value in held.items()}
@@ -51,7 +50,7 @@ def _template(training: Training) -> dict[str, Tensor]:
     explorer.restart()
     rows = explorer.collect(training.learner.online, 1.0, explorer.n_steps)[:1]
     held = {"online": flat, "target": flat, "played": flat, "best": flat}
-    held |= {"optimiser.step": torch.zeros(()), "optimiser.exp_avg": flat, "optimiser.exp_avg_sq": flat}
+    held |= {f"optimiser.{name}": value for name, value in training.learner.moments.items()}
     held |= _kept(training)
     held["measures"] = torch.zeros(1, seeds, len(MEASURES), dtype=torch.float64)
     held["buffer"] = rows
@@ -77,8 +76,7 @@ def restore(training: Training, tensors: dict[str, Tensor], record: dict[str, in
     training.best = held["best"]
     training.best_gain, training.best_epoch = tensors["best_gain"].numpy(), tensors["best_epoch"].numpy()
     training.measures = tensors["measures"].numpy()
-    state = {name: held[f"optimiser.{name}"] for name in ("step", "exp_avg", "exp_avg_sq")}
-    learner.optimiser.state[learner.online.flat] = state
+    learner.moments = {name: held[f"optimiser.{name}"] for name in learner.moments}
     learner.refill(held["buffer"], record["cursor"])
     training.env.load_state_dict_of_env(
         {name.removeprefix("env."): value for name, value in tensors.items() if name.startswith("env.")}

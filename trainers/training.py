@@ -164,12 +164,12 @@ class Training:
         training_gain = self.explorer.gains().double().mean(-1)
         limits = self.validation.limits
         row = np.empty((len(self.seeds), len(MEASURES)))
-        columns = {
+        columns: dict[str, Any] = {
             "training_gain": training_gain.cpu().numpy(),
             "loss": losses.double().mean(0).cpu().numpy(),
             "q_mean": values.double().mean(0).cpu().numpy(),
             "epsilon": epsilon,
-            "learning_rate": self.learner.optimiser.param_groups[0]["lr"],
+            "learning_rate": self.learner.rate,
             "decisions": self.decisions,
             "updates": self.learner.updates,
             "gain": gain,
