@@ -2,9 +2,9 @@
 
 The goal: the greedy policy's mean gain passes 97% and 99% of the limit on 100 validation cells. Time is of
 the processor, on one thread, from the first decision on; making the environment and testing the policy are
-left out. Both learn from cells that share a world. Ours has the settings as shipped, the same for both
-experiments; Stable-Baselines3 has for each experiment its own, found by a search
-(`python -m benchmarks.same_goal --search SECONDS`) on other seeds than those that are measured. Without
+left out. Both learn from cells that share a world. Ours has the settings as shipped; Stable-Baselines3 has
+for each experiment those that a search for nothing but the time found on other seeds than those that are
+measured (`python -m benchmarks.same_goal --search SECONDS`, from several starts, ours among them). Without
 Stable-Baselines3 only ours is measured.
 """
 
