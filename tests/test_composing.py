@@ -128,7 +128,7 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
         ("seed=???", "seed"),
         ("seed=${seed}", "seed"),
         ("seed=${nothing}", "seed"),
-        ("seed=99999999999999999999", "seed must be below 2^63"),
+        ("seed=99999999999999999999", "seed must be at most 9223372036854775807"),
         ("evaluate=yes", "evaluate must be true or false, got 'yes'"),
         ("world.sense_flow=1", "world.sense_flow must be true or false, got '1'"),
         ("world.sense_flow=true", "world: sense_flow needs a flow"),

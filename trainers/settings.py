@@ -14,7 +14,6 @@ from swarm.checks import check_box, check_count, check_name, check_number
 from swarm.policy_files import MAX_FILE, MAX_HEADER, MAX_LAYERS, MAX_WIDTH
 from swarm.world import FIELDS, FLOWS, World
 
-MAX_SEED = 2**63
 MAX_THREADS = 1024
 MAX_PLACE = 1e5  # [length] of a start, where float32 tells places 0.008 apart
 
@@ -167,8 +166,6 @@ def check_settings(settings: Settings) -> None:
     check_count("n_seeds", settings.n_seeds)
     for name, seed in (("seed", settings.seed), ("evaluation.seed", settings.evaluation.seed)):
         check_count(name, seed, at_least=0)
-        if seed >= MAX_SEED:
-            raise ValueError(f"{name} must be below 2^63, got {seed}")
     check_name("world.field", settings.world.field, FIELDS)
     check_name("world.flow", settings.world.flow, FLOWS)
     _check_box(settings.world.start_box)
