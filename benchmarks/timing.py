@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable, Mapping
 from time import perf_counter
 
@@ -30,6 +32,15 @@ def best_times(
                 call()
             best[name] = min(best[name], (perf_counter() - start) / counts[name])
     return best
+
+
+def printed_number(script: str, **environment: str) -> float:
+    """The number that a script prints last, run by a Python process of its own."""
+    command = [sys.executable, "-W", "ignore", "-c", script]
+    done = subprocess.run(
+        command, env={**os.environ, **environment}, check=True, capture_output=True, text=True
+    )
+    return float(done.stdout.split()[-1])
 
 
 def resident_bytes() -> int:

@@ -11,8 +11,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,7 +21,7 @@ import numpy as np
 import torch
 
 from benchmarks.plain_loop import PlainLoop, StockUpdate
-from benchmarks.timing import best_times
+from benchmarks.timing import best_times, printed_number
 from trainers.composing import settings_from
 from trainers.dqn import dqn_loss
 from trainers.running import train
@@ -149,11 +147,8 @@ def many_seeds(seconds: float) -> list[dict[str, Any]]:
 
 def start_up(repeats: int = 3) -> list[dict[str, Any]]:
     """The first update in fresh processes, the best of some."""
-    seconds = []
-    for _ in range(repeats):
-        done = subprocess.run([sys.executable, "-c", START_UP], check=True, capture_output=True, text=True)
-        seconds.append(float(done.stdout.split()[-1]))
-    return [row("from the imports to the first update [seconds]", min(seconds), min(seconds), FIRST_STEP)]
+    seconds = min(printed_number(START_UP) for _ in range(repeats))
+    return [row("from the imports to the first update [seconds]", seconds, seconds, FIRST_STEP)]
 
 
 def run(seconds: float = 6.0) -> list[dict[str, Any]]:

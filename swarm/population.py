@@ -48,7 +48,7 @@ def population_test(
     starts = draw_starts(world, cells, seed, population=population, episode=episode)
     lived = {
         name: lives(
-            world, policy, starts, seed, population=population, episode=episode, record=record, name=name
+            world, policy, starts, seed, name=name, population=population, episode=episode, record=record
         )
         for name, policy in policies.items()
     }
@@ -93,10 +93,10 @@ def lives(
     starts: Starts,
     seed: int,
     *,
-    population: streams.Population = "test",
+    name: str,
+    population: streams.Population,
     episode: int = 0,
     record: bool = False,
-    name: str = "",
 ) -> dict[str, np.ndarray]:
     """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...)."""
     cells = len(starts.heading)

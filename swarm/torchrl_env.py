@@ -131,29 +131,29 @@ class SwarmEnv(EnvBase):
             position[members] = starts.position.reshape(*shape, 2)[rows]
             heading[members] = starts.heading.reshape(shape)[rows]
             past[members] = starts.past.reshape(*shape, self.world.n_records)[rows]
-        self._begin(self.world.start(*map(self._array, (position, heading, past))), chosen)
-        assert self.observation is not None
-        return self.observation
+        return self._begin(self.world.start(*map(self._array, (position, heading, past))), chosen)
 
     def place(self, position: Tensor, heading: Tensor, past: Tensor) -> Tensor:
         """Start every cell at given poses (worlds, cells, ...); returns the observations."""
         self.episode[:] = np.maximum(self.episode, 0)
         self.decision[:] = 0
         starts = (position.to(self.float_dtype), heading.to(self.float_dtype), past)
-        self._begin(self.world.start(*map(self._bare, starts)), np.ones(self.n_worlds, bool))
-        assert self.observation is not None
-        return self.observation
+        return self._begin(self.world.start(*map(self._bare, starts)), np.ones(self.n_worlds, bool))
 
-    def _begin(self, fresh: State, chosen: np.ndarray) -> None:
-        """Put fresh cells into the chosen worlds (a mask)."""
+    def _begin(self, fresh: State, chosen: np.ndarray) -> Tensor:
+        """Put cells into the chosen worlds (a mask), for which the counters are set; returns all
+        observations.
+        """
         if self._state is None or chosen.all():
             self._state = fresh
         else:
             mask = self._array(chosen)
             self._state = State(*(_where(mask, *pair) for pair in zip(fresh, self._state, strict=True)))
-        self.observation = self._tensor(self.world.observation(self._state))
         if self.world.has_noise:
             self._refill_noise(chosen)
+        observation = self._tensor(self.world.observation(self._state))
+        self.observation = observation
+        return observation
 
     def advance(self, action: Tensor) -> Transition:
         """One decision of every cell, without a TensorDict; does not restart finished worlds."""
@@ -186,8 +186,9 @@ class SwarmEnv(EnvBase):
 
     def state_dict_of_env(self) -> dict[str, Tensor]:
         """All that is needed to go on from here: the cells' state and the counters."""
-        assert self.state is not None, "restart() must come first"
-        arrays = {f"state.{name}": value for name, value in self.state._asdict().items()}
+        state = self.state
+        assert state is not None, "restart() must come first"
+        arrays = {f"state.{name}": value for name, value in state._asdict().items()}
         return arrays | {
             "episode": torch.as_tensor(self.episode.copy()),
             "decision": torch.as_tensor(self.decision.copy()),
@@ -199,11 +200,8 @@ class SwarmEnv(EnvBase):
         if not self._in_numpy:
             parts = {name: _part_by_part(getattr(state, name)) for name in ("position", "heading", "memory")}
             state = state._replace(**parts)
-        self._state = state
         self.episode, self.decision = arrays["episode"].numpy().copy(), arrays["decision"].numpy().copy()
-        self.observation = self._tensor(self.world.observation(state))
-        if self.world.has_noise:
-            self._refill_noise(np.ones(self.n_worlds, bool))
+        self._begin(state, np.ones(self.n_worlds, bool))
 
     # --- TensorDicts: what TorchRL asks for -----------------------------------------------------------------
 

@@ -53,7 +53,7 @@ def memory_needed(settings: Settings) -> int:
     learning, world = settings.learning, settings.training_world()
     inputs, seeds = world.observation_size, settings.n_seeds
     cells = learning.n_worlds * learning.n_swimmers
-    transition = 4 * (2 * inputs + 4)
+    transition = 4 * (2 * inputs + 4)  # packed
     buffer = 2 * learning.buffer_size * transition  # once more for a checkpoint
     rollout = cells * min(learning.collect or world.max_decisions, world.max_decisions) * (2 * transition + 8)
     batch = learning.updates * learning.batch_size * (transition + 16)

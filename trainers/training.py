@@ -55,6 +55,8 @@ class Training:
         torch.set_num_threads(settings.threads)
         self.settings = settings
         self.seeds = settings.seeds
+        # Of environments; TorchRL moves what it is given where the processor is named.
+        self.device = None if settings.device == "cpu" else settings.device
         learning = settings.learning
         world = settings.training_world()
         cells = learning.n_worlds * len(self.seeds) * learning.n_swimmers
@@ -65,9 +67,7 @@ class Training:
         self.env = self.explorer.env
         self.learner = Learner(world.observation_size, world.n_actions, learning, self.seeds, settings.device)
         checked = settings.validation
-        self.validation = Validation(
-            world.replace(life=checked.life), checked.cells, self.seeds, settings.device
-        )
+        self.validation = Validation(world.replace(life=checked.life), checked.cells, self.seeds, self.device)
         self.epoch = 0
         self.decisions = 0
         self.best_gain = np.full(len(self.seeds), -np.inf)
@@ -76,10 +76,10 @@ class Training:
         self.measures = np.zeros((0, len(self.seeds), len(MEASURES)))
 
     def make_explorer(self, world: World, compile: bool) -> Explorer:
-        settings, learning = self.settings, self.settings.learning
+        learning = self.settings.learning
         env = SwarmEnv(
             learning.n_worlds * len(self.seeds),
-            None if settings.device == "cpu" else settings.device,
+            self.device,
             n_swimmers=learning.n_swimmers,
             seeds=self.seeds,
             compile_step=compile,

@@ -6,6 +6,7 @@ import numpy as np
 
 from swarm.optimal import limit
 from swarm.population import lives
+from swarm.results import RIVAL
 from swarm.starts import draw_starts
 from swarm.strategies import Greedy
 from swarm.torchrl_env import SwarmEnv
@@ -19,11 +20,11 @@ class Validation:
     `limits` (None where there is none) and `greedy`, the gain of that strategy, are (seeds,).
     """
 
-    def __init__(self, world: World, cells: int, seeds: list[int], device: str = "cpu") -> None:
-        self.cells, self.seeds = cells, seeds
+    def __init__(self, world: World, cells: int, seeds: list[int], device: str | None = None) -> None:
+        self.seeds = seeds
         self.env = SwarmEnv(
             len(seeds),
-            None if device == "cpu" else device,
+            device,
             n_swimmers=cells,
             seeds=seeds,
             population="validation",
@@ -34,7 +35,7 @@ class Validation:
         self.limits = None if None in bounds else np.array(bounds, float)
         self.greedy = np.array(
             [
-                lives(world, Greedy(), each, seed, population="validation")["gain"].mean()
+                lives(world, Greedy(), each, seed, name=RIVAL, population="validation")["gain"].mean()
                 for seed, each in zip(seeds, starts, strict=True)
             ]
         )
