@@ -12,7 +12,7 @@ unexport PYTHONHOME PYTHONPATH VIRTUAL_ENV
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test slow coverage bench soak mutate reproduce examples docs clean FORCE
+.PHONY: help install train test slow coverage bench soak reproduce examples docs clean FORCE
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -26,6 +26,7 @@ test: install ## style, types and every test that is not slow
 	$(RUN)/ruff check .
 	$(RUN)/ruff format --check .
 	$(RUN)/mypy
+	$(RUN)/lint-imports
 	$(RUN)/pytest -m "not slow" -n 2 $(ARGS)
 
 slow: install ## the slow tests
@@ -40,11 +41,6 @@ bench: install ## measure speed against the alternatives
 soak: install ## hours of simulation, watching memory and speed
 	$(RUN)/python -m benchmarks.soak $(ARGS)
 
-mutate: install ## change the physics line by line and see whether a test notices
-	@$(RUN)/python -c 'import mutmut' 2>/dev/null || $(RUN)/python -m pip install -qq -c constraints.txt -e '.[mutation]'
-	$(RUN)/mutmut run $(ARGS)
-	$(RUN)/python tests/mutants.py
-
 reproduce: install ## every figure and table of the paper, in runs/reproduce
 	$(RUN)/swarm reproduce --out runs/reproduce $(ARGS)
 
@@ -56,7 +52,7 @@ docs: install ## build the documentation in site/
 	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --strict $(ARGS)
 
 clean: ## remove .venv and what the tools left behind; runs/ stays
-	rm -rf .venv site dist build mutants .mypy_cache .pytest_cache .ruff_cache .hypothesis .benchmarks .coverage
+	rm -rf .venv site dist build .mypy_cache .pytest_cache .ruff_cache .hypothesis .benchmarks .coverage
 
 # The stamp holds the folder it was made for: a copied or moved .venv would run another folder's code, and one whose
 # Python is gone runs nothing.

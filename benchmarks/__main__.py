@@ -11,7 +11,7 @@ import re
 from pathlib import Path
 
 from benchmarks.tables import as_text
-from swarm import files, provenance
+from swarm._support import files, provenance
 
 NAMES = ("pettingzoo_path", "batched_path", "training_path", "same_goal")
 

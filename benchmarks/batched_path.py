@@ -19,8 +19,8 @@ import torch
 from tensordict import TensorDict
 
 from benchmarks.timing import best_times, printed_number, resident_bytes
-from swarm.torchrl_env import GROUP, SwarmEnv, compiled
-from swarm.world import Outcome, State, World
+from swarm.envs.torchrl import GROUP, SwarmEnv, compiled
+from swarm.physics.world import Outcome, State, World
 
 CELLS = 40  # of a world
 CASES: dict[str, dict[str, Any]] = {

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import swarm
-from swarm.starts import draw_starts
+from swarm.physics.starts import draw_starts
 
 CELLS = 100
 CASES = {

@@ -13,9 +13,9 @@ from torchrl.data import Categorical, LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, SoftUpdate
 
-from swarm.starts import draw_starts
-from swarm.world import State
-from trainers.settings import Settings
+from swarm.physics.starts import draw_starts
+from swarm.physics.world import State
+from trainers.settings.schema import Settings
 
 
 class PlainLoop:

@@ -22,10 +22,10 @@ import numpy as np
 import torch
 
 import swarm
-from trainers.composing import settings_from
-from trainers.settings import Settings
-from trainers.training import Training
-from trainers.validating import Validation
+from trainers.settings.composition import settings_from
+from trainers.settings.schema import Settings
+from trainers.training.loop import Training
+from trainers.training.validation import Validation
 
 MARKS = (0.97, 0.99)
 AT_MOST = 0.5  # of Stable-Baselines3's time

@@ -25,10 +25,11 @@ from benchmarks.pettingzoo_path import Leanest
 from benchmarks.plain_loop import PlainLoop
 from benchmarks.tables import as_table
 from benchmarks.timing import resident_bytes
-from swarm import files
-from trainers import checkpoints, snapshots
-from trainers.composing import settings_from
-from trainers.training import Training
+from swarm._support import files
+from trainers.settings.composition import settings_from
+from trainers.training import checkpoint as checkpoints
+from trainers.training import snapshot as snapshots
+from trainers.training.loop import Training
 
 COLUMNS = ("minutes", "megabytes", "open_files", "training_speed", "stepping_speed", "epochs", "steps")
 DRIFT = 0.1  # of memory and speed, last third against the middle third

@@ -22,19 +22,19 @@ import torch
 
 from benchmarks.plain_loop import PlainLoop, StockUpdate
 from benchmarks.timing import best_times, printed_number
-from trainers.composing import settings_from
-from trainers.dqn import dqn_loss
-from trainers.running import train
-from trainers.runs import RunFolder
-from trainers.training import Training
+from trainers.algorithms.dqn import dqn_loss
+from trainers.settings.composition import settings_from
+from trainers.training.loop import Training
+from trainers.training.run import train
+from trainers.training.run_folder import RunFolder
 
 SAME_WORK, LONG_RUN, MANY_SEEDS, FIRST_STEP = 1.2, 1.0, 5.0, 2.0  # targets
 SEEDS = 16
 START_UP = """
 from time import perf_counter
 import torch
-from trainers.composing import settings_from
-from trainers.training import Training
+from trainers.settings.composition import settings_from
+from trainers.training.loop import Training
 begun = perf_counter()
 with torch.inference_mode():
     training = Training(settings_from(["experiment=linear_n4"]))

@@ -15,7 +15,7 @@ from benchmarl.environments.common import TaskClass
 from benchmarl.experiment import Experiment, ExperimentConfig
 from benchmarl.models.mlp import MlpConfig
 
-from swarm.torchrl_env import SwarmEnv
+from swarm.envs.torchrl import SwarmEnv
 
 
 class SwarmTask(TaskClass):

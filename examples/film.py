@@ -10,9 +10,9 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 import swarm
-from swarm.render import Viewer
-from swarm.starts import draw_starts
-from swarm.strategies import Policy
+from swarm.figures.viewer import Viewer
+from swarm.physics.starts import draw_starts
+from swarm.policies.strategies import Policy
 
 SCALE = 0.5  # of the pictures' 960 × 720 pixels
 COLOURS = 96  # few, so that the file stays small

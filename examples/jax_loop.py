@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from swarm import Greedy, World
-from swarm.starts import Starts, draw_starts
-from swarm.strategies import Policy
+from swarm.physics.starts import Starts, draw_starts
+from swarm.policies.strategies import Policy
 
 jax.config.update("jax_enable_x64", True)  # as NumPy does; without it JAX computes in float32
 

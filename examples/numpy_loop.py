@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from swarm import Greedy, Swinging, World
-from swarm.starts import draw_starts
-from swarm.strategies import Policy
+from swarm.physics.starts import draw_starts
+from swarm.policies.strategies import Policy
 
 
 def live(world: World, policy: Policy, *, cells: int = 40, seed: int = 0) -> np.ndarray:

@@ -8,8 +8,10 @@ from typing import Any
 import gymnasium as _gymnasium
 import pettingzoo as _pettingzoo
 
-from swarm.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
-from swarm.flows import (
+from swarm._support.provenance import __version__
+from swarm.envs.pettingzoo import parallel_env
+from swarm.physics.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
+from swarm.physics.flows import (
     FunctionFlow,
     PoiseuilleFlow,
     ShearFlow,
@@ -18,23 +20,21 @@ from swarm.flows import (
     UniformFlow,
     Vortex,
 )
-from swarm.sperm_swarm_v0 import parallel_env
-from swarm.strategies import FromObservation, Greedy, Random, Swinging
-from swarm.world import World
-
-__version__ = "0.1.0"
+from swarm.physics.starts import draw_starts
+from swarm.physics.world import World
+from swarm.policies.strategies import FromObservation, Greedy, Random, Swinging
 
 # Loaded when they are first asked for: they need SciPy, xarray or time.
 _LAZY = {
-    "GriddedField": "gridded",
-    "GriddedFlow": "gridded",
-    "Network": "network",
-    "Optimal": "optimal",
-    "SpermSwarmVector": "gymnasium_env",
-    "limit": "optimal",
-    "load_policy": "network",
-    "population_test": "population",
-    "save_policy": "network",
+    "GriddedField": "physics.grids.gridded",
+    "GriddedFlow": "physics.grids.gridded",
+    "Network": "policies.network",
+    "Optimal": "optimal.physical_limit",
+    "SpermSwarmVector": "envs.gymnasium",
+    "limit": "optimal.physical_limit",
+    "load_policy": "policies.network",
+    "population_test": "population.contest",
+    "save_policy": "policies.network",
 }
 
 __all__ = [
@@ -61,6 +61,7 @@ __all__ = [
     "Vortex",
     "World",
     "__version__",
+    "draw_starts",
     "limit",
     "load_policy",
     "parallel_env",
@@ -70,7 +71,7 @@ __all__ = [
 
 for _kind, _maker in (("parallel", "parallel_env"), ("aec", "env")):
     _pettingzoo.register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=f"swarm.sperm_swarm_v0:{_maker}")
-_gymnasium.register("chemoswarm/SpermSwarm-v0", vector_entry_point="swarm.gymnasium_env:vector_env")
+_gymnasium.register("chemoswarm/SpermSwarm-v0", vector_entry_point="swarm.envs.gymnasium:vector_env")
 
 
 def __getattr__(name: str) -> Any:

@@ -9,8 +9,10 @@ from pathlib import Path
 import torch
 from safetensors.torch import load_file
 
-from trainers import running, runs, training
-from trainers.settings import LearningSettings, Settings, ValidationSettings, WorldSettings
+from trainers.settings.schema import LearningSettings, Settings, ValidationSettings, WorldSettings
+from trainers.training import loop as training
+from trainers.training import run as running
+from trainers.training import run_folder as runs
 
 NOISE = {"concentration_noise": 0.05, "curvature_noise": 0.05, "rotational_diffusion": 0.01}
 SWARM = {

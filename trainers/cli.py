@@ -42,7 +42,7 @@ def file_trouble(error: OSError) -> str:
 )
 def train(context: typer.Context) -> None:
     """Train a policy."""
-    from trainers import launching
+    from trainers.jobs import launch as launching
 
     launching.train_from(context.args)
 

@@ -10,11 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from swarm.checks import check_count
-from swarm.world import World
+from swarm._support.checks import check_count
+from swarm.physics.world import World
 from trainers.cli import fail, file_trouble
-from trainers.composing import SettingsError, settings_from, settings_from_stored
-from trainers.settings import Settings
+from trainers.settings.composition import SettingsError, settings_from, settings_from_stored
+from trainers.settings.schema import Settings
 
 
 @contextmanager
@@ -77,8 +77,8 @@ def evaluated(
     policy: str, settings: Settings, levels: Sequence[float], kind: str, options: dict[str, Any]
 ) -> None:
     """Test in one world, and print the table."""
-    from swarm.evaluation import evaluate
-    from swarm.noise import check_levels
+    from swarm.population.evaluation import evaluate
+    from swarm.population.noise import check_levels
 
     world = settings.test_world()
     if levels:
@@ -99,7 +99,7 @@ def swept(
     """Test at every level of noise; the table of all."""
     from rich.progress import Progress
 
-    from swarm.noise import sweep_noise
+    from swarm.population.noise import sweep_noise
 
     with Progress(transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("levels of noise", total=len(levels))
@@ -125,7 +125,7 @@ def watch_from(
     size: int | None = None,
 ) -> None:
     """`swarm watch`, of a policy or of a stored population."""
-    from trainers import watching
+    from swarm.figures import watch as watching
 
     try:
         with told():
@@ -145,7 +145,7 @@ def watch_from(
 
 def stored_lives(population: str, out: Path | None, cells: int | None, given: dict[str, Any]) -> None:
     """A page of a stored population; raises ValueError for options that are `given` and choose lives."""
-    from trainers import watching
+    from swarm.figures import watch as watching
 
     for option, value in given.items():
         if value is not None:
@@ -158,7 +158,7 @@ def fresh_lives(policy: str, world: World, out: Path | None, cells: int, seed: i
     """A window, a film or a page of lives that are lived for it."""
     from rich.progress import Progress
 
-    from trainers import watching
+    from swarm.figures import watch as watching
 
     with Progress(transient=True, disable=out is None or not sys.stderr.isatty()) as bar:
         task = bar.add_task("drawing", total=None)
@@ -175,7 +175,8 @@ def fresh_lives(policy: str, world: World, out: Path | None, cells: int, seed: i
 
 def compare_from(folders: Sequence[Path], cells: int, seed: int, out: Path | None) -> None:
     """`swarm compare`."""
-    from trainers import comparing, runs
+    from trainers.jobs import comparison as comparing
+    from trainers.training import run_folder as runs
 
     with told(runs.RunError):
         groups = comparing.compare(folders, cells=cells, seed=seed, out=out)
@@ -187,9 +188,9 @@ def compare_from(folders: Sequence[Path], cells: int, seed: int, out: Path | Non
 def reproduce_from(out: Path, quick: bool, seeds: int, jobs: int | None, publish: Path | None) -> None:
     """`swarm reproduce`."""
     try:
-        from trainers import reproducing
-        from trainers.dispatching import Stopped
-        from trainers.planning import Plan
+        from trainers.jobs.pool import Stopped
+        from trainers.paper import reproduction as reproducing
+        from trainers.paper.plan import Plan
     except ImportError as error:
         fail(f"this needs the extra packages of chemoswarm[train]: {error}")
     try:
@@ -208,7 +209,7 @@ def reproduce_from(out: Path, quick: bool, seeds: int, jobs: int | None, publish
 
 def check_from() -> None:
     """`swarm check`; ends with exit code 1 where a check fails."""
-    from swarm.conformance import run_checks
+    from swarm.envs.conformance import run_checks
 
     checks = run_checks()
     rows = [["check", "result", "detail"]]
@@ -223,8 +224,8 @@ def check_from() -> None:
 
 def test_settings(policy: str, experiment: str | None) -> Settings:
     """Settings of an experiment, or those a trained policy's card tells of, else of linear_n4."""
-    from swarm.evaluation import STRATEGIES, named_policy
-    from swarm.network import ZOO, load_policy
+    from swarm.policies.network import ZOO, load_policy
+    from swarm.population.evaluation import STRATEGIES, named_policy
 
     if experiment is not None:
         return settings_from([f"experiment={experiment}"])

@@ -1,0 +1,141 @@
+"""Checks of parameters: an error names the thing, the rule and the value."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import numbers
+import operator
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from swarm._support.arrays import namespace
+
+Array = Any
+
+
+def check_number(
+    name: str, value: Any, *, above: float | None = None, at_least: float | None = None
+) -> float:
+    """Return `value` as a float; raises unless it is a finite real number within the bounds."""
+    rule = "a finite number"
+    if above is not None:
+        rule += f" above {above:g}"
+    if at_least is not None:
+        rule += f" of at least {at_least:g}"
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise TypeError(f"{name} must be {rule}, got {value!r}")
+    try:
+        number = float(value)
+    except OverflowError:  # an integer beyond the floats
+        number = math.inf
+    low = (above is not None and number <= above) or (at_least is not None and number < at_least)
+    if not math.isfinite(number) or low:
+        raise ValueError(f"{name} must be {rule}, got {value!r}")
+    return number
+
+
+def check_count(name: str, value: Any, *, at_least: int = 1) -> int:
+    """Return `value` as an int; raises unless it is a whole number of at least `at_least`."""
+    rule = f"a whole number of at least {at_least}"
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        number = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} must be {rule}, got {value!r}") from None
+    if number < at_least:
+        raise ValueError(f"{name} must be {rule}, got {number}")
+    if number > sys.maxsize:
+        raise ValueError(f"{name} must be at most {sys.maxsize}, got {number}")
+    return number
+
+
+def check_flag(name: str, value: Any) -> bool:
+    """Return `value`; raises TypeError unless it is True or False."""
+    if not isinstance(value, bool):
+        raise TypeError(f"{name} must be True or False, got {value!r}")
+    return value
+
+
+def check_name(name: str, value: Any, known: Iterable[str]) -> str:
+    """Return `value`; raises unless it is one of the `known` names, suggesting the nearest."""
+    choices = sorted(known)
+    listed = ", ".join(choices)
+    if not isinstance(value, str):
+        raise TypeError(f"{name} must be one of {listed}, got {value!r}")
+    if value not in choices:
+        near = difflib.get_close_matches(value, choices, n=1, cutoff=0.4)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ValueError(f"{name} must be one of {listed}, got {value!r}{hint}")
+    return value
+
+
+def check_methods(name: str, value: Any, methods: Sequence[str], attributes: Sequence[str]) -> None:
+    """Raises TypeError unless `value` has the methods and the numeric attributes."""
+    if isinstance(value, type):
+        raise TypeError(
+            f"{name} must be an object, not a class, got {value!r}; did you mean {value.__name__}()?"
+        )
+    missing = [f"{method}(position)" for method in methods if not callable(getattr(value, method, None))]
+    missing += [attribute for attribute in attributes if not hasattr(value, attribute)]
+    if missing:
+        raise TypeError(f"{name} must have {', '.join(missing)}, got {value!r}")
+
+
+def check_function(name: str, value: Any) -> Any:
+    """Return `value`; raises TypeError unless it can be called."""
+    if not callable(value) or isinstance(value, type):
+        raise TypeError(f"{name} must be a function of positions (..., 2), got {value!r}")
+    return value
+
+
+def check_point(name: str, value: Any) -> tuple[float, float]:
+    """Return `value` as two floats (x, y); raises unless it is two finite numbers."""
+    rule = f"{name} must be two finite numbers (x, y), got {value!r}"
+    try:
+        x, y = (check_number(name, number) for number in value)
+    except TypeError:
+        raise TypeError(rule) from None
+    except ValueError:
+        raise ValueError(rule) from None
+    return x, y
+
+
+def check_box(name: str, value: Any) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return `value` as ((x_low, x_high), (y_low, y_high)) of floats; raises ValueError where it is none."""
+    try:
+        (left, right), (bottom, top) = ((check_number(name, number) for number in side) for side in value)
+    except (TypeError, ValueError):
+        left, right, bottom, top = 1.0, 0.0, 1.0, 0.0
+    if left > right or bottom > top:
+        raise ValueError(f"{name} must be ((x_low, x_high), (y_low, y_high)) with low <= high, got {value!r}")
+    return (left, right), (bottom, top)
+
+
+def settle(owner: Any, check: Callable[..., Any], name: str, **rules: Any) -> None:
+    """Checks the parameter `name` of a frozen dataclass and keeps what the check returns.
+
+    Plain floats matter: a NumPy scalar would turn float32 arrays into float64 ones and torch tensors into
+    NumPy arrays.
+    """
+    object.__setattr__(owner, name, check(name, getattr(owner, name), **rules))
+
+
+def check_cells(name: str, rule: str, value: Array, good: Array) -> None:
+    """Raises ValueError that names the first cell whose `good` (..., cells) is False.
+
+    `value` is (..., cells) or (..., cells, k). Inside a trace (jax.jit), where nothing is known yet, nothing
+    is checked.
+    """
+    xp = namespace(good)
+    try:
+        if bool(xp.all(good)):
+            return
+    except (TypeError, RuntimeError):
+        return
+    cell = int(xp.argmax(xp.astype(xp.reshape(~good, (-1,)), xp.int32)))
+    numbers_of_cell = xp.reshape(value, (*[math.prod(good.shape)], -1))[cell, ...]
+    shown = ", ".join(f"{float(numbers_of_cell[i]):g}" for i in range(numbers_of_cell.shape[0]))
+    raise ValueError(f"{name} must {rule}, got {shown} for cell {cell % good.shape[-1]}")

@@ -1,0 +1,38 @@
+"""Where a result comes from: the versions and the commit of the software that made it."""
+
+from __future__ import annotations
+
+import functools
+import platform
+import subprocess
+from importlib import metadata
+from pathlib import Path
+
+__version__ = "0.1.0"
+
+_PACKAGES = ("numpy", "scipy", "torch", "torchrl", "tensordict")
+
+
+def versions(*packages: str) -> dict[str, str]:
+    """Versions of Python, of this software and of the `packages` (default: those that numbers depend on)."""
+    found = {"python": platform.python_version(), "chemoswarm": __version__}
+    for name in packages or _PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+@functools.cache  # the code that runs stays what it was when it was loaded
+def commit() -> str | None:
+    """The commit of this source tree, followed by "-dirty" where files differ; None for an installed copy."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return None
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None

@@ -1,0 +1,200 @@
+"""One world and the lives of its cells, in NumPy: what the PettingZoo and Gymnasium faces share."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from swarm._support import streams
+from swarm._support.checks import check_count, check_name
+from swarm.physics.starts import NOISE_BLOCK, draw_noise, draw_starts
+from swarm.physics.world import Outcome, State, World
+
+RENDER_MODES = ["human", "rgb_array"]
+RENDER_FPS = 15
+DTYPES = {"float32": np.float32, "float64": np.float64}
+POPULATION: streams.Population = "training"
+
+
+def make_world(world: World | None, parameters: dict[str, Any]) -> World:
+    """The world that is given, or one of the parameters; raises TypeError or ValueError on unknown ones."""
+    if world is None:
+        for name in parameters:
+            check_name("parameter", name, [item.name for item in dataclasses.fields(World)])
+        return World(**parameters)
+    if parameters:
+        raise TypeError(f"world must be given alone, got {sorted(parameters)} besides")
+    if not isinstance(world, World):
+        raise TypeError(f"world must be a World, got {world!r}")
+    return world
+
+
+class Arena:
+    """`n_swimmers` cells in a world, each with a life of its own.
+
+    Life number `episode[i]` of cell i starts at row i of that episode's starts, so that all faces with the
+    same seed see the same lives. What raises an error leaves everything as it was.
+    """
+
+    state: State  # there after the first `reset`, as are `gain` and `action`
+    gain: np.ndarray  # (cells,) c(t) − c(0) [concentration]
+    action: np.ndarray  # (cells,) each cell's last
+
+    def __init__(self, world: World, n_swimmers: int, dtype: str) -> None:
+        self.world = world
+        self.n_swimmers = check_count("n_swimmers", n_swimmers)
+        self.dtype: Any = DTYPES[check_name("dtype", dtype, DTYPES)]
+        self.seed: int | None = None
+        self.episode = np.zeros(self.n_swimmers, np.int64)
+        self.decision = np.zeros(self.n_swimmers, np.int64)  # of the cell's life
+        self._fresh: dict[int, tuple[State, np.ndarray]] = {}
+        # the block of noise that each cell is in, and its episode and number
+        self._noise = np.zeros((self.n_swimmers, NOISE_BLOCK if world.has_noise else 0, 3), self.dtype)
+        self._noise_keys = np.full((self.n_swimmers, 2), -1)
+
+    def reset(self, seed: int | None, options: dict[str, Any] | None) -> np.ndarray:
+        """Begin a life of every cell; returns the observations (cells, N_T · features).
+
+        `seed` begins with its episode 0; without it the next episode of the seed in use begins, and where
+        there is none yet, one is drawn from the operating system. Poses may be given:
+        `options["position"]` (cells, 2) [length], `options["heading"]` (cells,) [rad]; other options are
+        ignored.
+        """
+        if seed is not None:
+            seed, episode = streams.check_seed(seed), 0
+        elif self.seed is not None:
+            seed, episode = self.seed, int(self.episode.max()) + 1
+        else:  # the global generators stay as they are
+            seed, episode = int(np.random.SeedSequence().generate_state(1, np.uint64)[0]), 0
+        starts = draw_starts(self.world, self.n_swimmers, seed, population=POPULATION, episode=episode)
+        options = options or {}
+        position = self._option(options, "position", starts.position)
+        heading = self._option(options, "heading", starts.heading)
+        state = self.world.start(position, heading, starts.past)
+        observation = self.world.observation(state)
+        gain = np.zeros(self.n_swimmers, self.dtype)
+        self._check_finite(state, observation, gain)
+
+        if seed != self.seed:
+            self.seed = seed
+            self._noise_keys = np.full_like(self._noise_keys, -1)
+            self._fresh.clear()
+        self.episode = np.full(self.n_swimmers, episode)
+        self.decision = np.zeros(self.n_swimmers, np.int64)
+        self.state, self.gain, self.action = state, gain, starts.past[:, 0]
+        return observation
+
+    def step(self, action: np.ndarray) -> Outcome:
+        """One decision of every cell; a finished cell stays where it is."""
+        state, outcome = self.world.step(self.state, action, self._draw())
+        self._check_finite(state, outcome.observation, outcome.gain)
+        self.state, self.gain, self.action = state, outcome.gain, action
+        self.decision = self.decision + 1
+        return outcome
+
+    def restart(self, cells: np.ndarray) -> np.ndarray:
+        """Begin the next life of the chosen `cells` (a mask); returns the observations of all."""
+        episode = self.episode + cells
+        state, action = self.state, self.action
+        for number in np.unique(episode[cells]):
+            begun, past = self._begun(int(number))
+            mask = cells & (episode == number)
+            state = State(*(_where(mask, new, old) for new, old in zip(begun, state, strict=True)))
+            action = np.where(mask, past, action)
+        observation = self.world.observation(state)
+        gain = np.where(cells, 0.0, self.gain).astype(self.dtype)
+        self._check_finite(state, observation, gain)
+        self.state, self.gain, self.action, self.episode = state, gain, action, episode
+        self.decision = np.where(cells, 0, self.decision)
+        for number in [number for number in self._fresh if number <= episode.min()]:
+            del self._fresh[number]
+        return observation
+
+    def _begun(self, episode: int) -> tuple[State, np.ndarray]:
+        """State and last action of all cells at the beginning of an episode."""
+        if episode not in self._fresh:
+            assert self.seed is not None
+            starts = draw_starts(
+                self.world, self.n_swimmers, self.seed, population=POPULATION, episode=episode
+            )
+            position, heading = starts.position.astype(self.dtype), starts.heading.astype(self.dtype)
+            self._fresh[episode] = (self.world.start(position, heading, starts.past), starts.past[:, 0])
+        return self._fresh[episode]
+
+    def table(self) -> np.ndarray:
+        """x, y [length], heading in [−π, π] [rad] and curvature [1 / length] of every cell (cells, 4)."""
+        curvature = np.asarray(self.world.curvatures, self.dtype)[self.action]
+        return np.column_stack([self.state.position, self.world.heading_angle(self.state), curvature])
+
+    # --- random numbers ---
+
+    def _draw(self) -> np.ndarray | None:
+        """This decision's random numbers (cells, 3), or None in a world without noise."""
+        if not self.world.has_noise:
+            return None
+        assert self.seed is not None
+        block, turn = np.divmod(self.decision, NOISE_BLOCK)
+        wanted = np.stack([self.episode, block], axis=-1)
+        stale = (wanted != self._noise_keys).any(axis=-1)
+        if stale.any():
+            self._noise = self._noise.copy()  # copies of the arena share it
+        for episode, number in np.unique(wanted[stale], axis=0).tolist():
+            drawn = draw_noise(
+                self.seed,
+                self.n_swimmers,
+                NOISE_BLOCK,
+                population=POPULATION,
+                episode=episode,
+                block=number,
+            )
+            rows = (wanted == (episode, number)).all(axis=-1)
+            self._noise[rows] = drawn[rows]
+        self._noise_keys = wanted
+        return self._noise[np.arange(self.n_swimmers), turn]
+
+    # --- checks ---
+
+    def _check_finite(self, state: State, observation: np.ndarray, gain: np.ndarray) -> None:
+        """Raises ValueError where a field or flow gave NaN or infinity."""
+        # The sum of their squares tells whether any is not finite; what is wrong with a gain is observed too.
+        if math.isfinite(np.vdot(observation, observation) + np.vdot(state.position, state.position)):
+            return
+        for name, values in (
+            ("position", state.position),
+            ("concentration", gain),
+            ("observation", observation),
+        ):
+            wrong = ~np.isfinite(values).reshape(self.n_swimmers, -1).all(axis=-1)
+            if wrong.any():
+                i = int(wrong.argmax())
+                x, y = state.position[i]
+                raise ValueError(
+                    f"field and flow must give finite numbers, got {name} {values[i]} for swimmer_{i} at "
+                    f"({x:g}, {y:g}) from {self.world.field!r} and {self.world.flow!r}"
+                )
+
+    def _option(self, options: dict[str, Any], name: str, drawn: np.ndarray) -> np.ndarray:
+        """The option as an array like `drawn`, which is returned where there is no such option."""
+        if options.get(name) is None:
+            return drawn.astype(self.dtype)
+        rule = f"options[{name!r}] must be finite numbers of shape {drawn.shape}"
+        try:
+            values = np.array(options[name])
+            if values.dtype.kind not in "iuf":
+                raise TypeError
+        except (TypeError, ValueError):
+            raise TypeError(f"{rule}, got {options[name]!r}") from None
+        if values.shape != drawn.shape:
+            raise ValueError(f"{rule}, got shape {values.shape}")
+        wrong = ~np.isfinite(values)
+        if wrong.any():
+            i = int(np.argwhere(wrong)[0][0])
+            raise ValueError(f"{rule}, got {values[i]} for swimmer_{i}")
+        return values.astype(self.dtype)
+
+
+def _where(mask: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+    return np.where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)

@@ -1,0 +1,328 @@
+"""Every check of an interface that another library offers, and our own of seeds, with warnings as errors."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib.util
+import io
+import os
+import random
+import warnings
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+# Warnings that a dependency forces on everyone: the start of the message, and whose it is.
+EXEMPT = (
+    "The old environment creation API has been deprecated",  # pettingzoo.test imports a game by its old name
+    "The state contains negative numbers and is in the shape of a graphical",  # PettingZoo on states (N, 4)
+    "PettingZoo in TorchRL is tested using version == 1.24.3",  # PettingZooWrapper on any other version
+    "Creating .* which inherits from WeightUpdaterBase is deprecated",  # TorchRL on a class of its own
+)
+SWIMMERS = 6
+SETTINGS: dict[str, dict[str, Any]] = {
+    "linear field": {},
+    "radial field, varying speed": {"field": "radial", "varying_speed": True, "start_box": ((1, 4), (1, 4))},
+    "Taylor–Green, flow sensed": {"flow": "taylor_green", "sense_flow": True, "dtype": "float32"},
+    "noise": {"concentration_noise": 0.1, "curvature_noise": 0.1, "rotational_diffusion": 0.01},
+}
+
+
+class Check(NamedTuple):
+    """What came of one check."""
+
+    name: str
+    passed: bool | None  # None: skipped
+    detail: str  # the error or why it was skipped; empty where it passed
+
+
+class _Skipped(Exception):
+    """Says why a check is not possible here."""
+
+
+def run_checks() -> list[Check]:
+    """Run all checks; what a missing library makes impossible is skipped."""
+    return [run_check(name, check) for name, check in checks().items()]
+
+
+def checks() -> dict[str, Callable[[], object]]:
+    """All checks by name; each is a call that raises where something is wrong."""
+    found: dict[str, Callable[[], object]] = {}
+    for name, settings in SETTINGS.items():
+        make = functools.partial(_parallel, **settings)
+        found |= {
+            f"PettingZoo parallel_api_test, {name}": functools.partial(_parallel_api, make),
+            f"PettingZoo api_test, {name}": functools.partial(_aec_api, settings),
+            f"chemoswarm seed test, {name}": functools.partial(check_seeds, make),
+        }
+    found |= {
+        "PettingZoo max_cycles_test": _max_cycles,
+        "PettingZoo parallel_seed_test": _parallel_seeds,
+        "PettingZoo seed_test": _aec_seeds,
+        "PettingZoo state_test": _states,
+        "PettingZoo render_test": _pictures,
+        "PettingZoo make": _registered,
+        "Gymnasium spaces": _spaces,
+        "Gymnasium reset and seeds": _vector_resets,
+        "Gymnasium returned data": _vector_data,
+        "Gymnasium wrappers, SameStep": functools.partial(_vector_wrappers, "SameStep"),
+        "Gymnasium wrappers, NextStep": functools.partial(_vector_wrappers, "NextStep"),
+        "Gymnasium make_vec": _vector_registered,
+        "TorchRL check_env_specs": _torchrl_specs,
+        "TorchRL PettingZooWrapper": _torchrl_wrapper,
+    }
+    return found
+
+
+def run_check(name: str, check: Callable[[], object]) -> Check:
+    """One check, its output kept quiet and its warnings turned into errors but for those in `EXEMPT`."""
+    with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
+        warnings.simplefilter("error")
+        for message in EXEMPT:
+            warnings.filterwarnings("ignore", message=message)
+        try:
+            check()
+        except _Skipped as reason:
+            return Check(name, None, str(reason))
+        except Exception as error:  # whatever is wrong is the result
+            return Check(name, False, f"{type(error).__name__}: {error}")
+    return Check(name, True, "")
+
+
+def _parallel(**settings: Any) -> Any:
+    from swarm import sperm_swarm_v0
+
+    return sperm_swarm_v0.parallel_env(SWIMMERS, **({"life": 12.0} | settings))
+
+
+def _vector(**settings: Any) -> Any:
+    from swarm.envs.gymnasium import SpermSwarmVector
+
+    return SpermSwarmVector(**({"n_swimmers": SWIMMERS, "life": 12.0} | settings))
+
+
+# --- PettingZoo ---
+
+
+def _parallel_api(make: Callable[[], Any]) -> None:
+    from pettingzoo.test import parallel_api_test
+
+    parallel_api_test(make(), num_cycles=100)
+
+
+def _aec_api(settings: dict[str, Any]) -> None:
+    from pettingzoo.test import api_test
+
+    from swarm import sperm_swarm_v0
+
+    for make in (sperm_swarm_v0.env, sperm_swarm_v0.raw_env):
+        api_test(make(SWIMMERS, **({"life": 12.0} | settings)), num_cycles=60)
+
+
+def _max_cycles() -> None:
+    from pettingzoo.test import max_cycles_test
+
+    from swarm import sperm_swarm_v0
+
+    max_cycles_test(sperm_swarm_v0)
+
+
+def _parallel_seeds() -> None:
+    from pettingzoo.test import parallel_seed_test
+
+    parallel_seed_test(_parallel)
+
+
+def _aec_seeds() -> None:
+    from pettingzoo.test import seed_test
+
+    from swarm import sperm_swarm_v0
+
+    seed_test(functools.partial(sperm_swarm_v0.env, SWIMMERS))
+
+
+def _states() -> None:
+    from pettingzoo.test.state_test import state_test
+
+    from swarm import sperm_swarm_v0
+
+    for dtype in ("float64", "float32"):
+        state_test(sperm_swarm_v0.env(SWIMMERS, dtype=dtype), sperm_swarm_v0.parallel_env(dtype=dtype))
+
+
+def _pictures() -> None:
+    _need("pygame", "the window")
+    from pettingzoo.test import render_test
+
+    from swarm import sperm_swarm_v0
+
+    with _without_display():
+        render_test(functools.partial(sperm_swarm_v0.env, SWIMMERS))
+
+
+def _registered() -> None:
+    import pettingzoo
+
+    import swarm  # noqa: F401  which registers
+
+    for kind, base in (("parallel", pettingzoo.ParallelEnv), ("aec", pettingzoo.AECEnv)):
+        env = pettingzoo.make(kind, "chemoswarm/sperm_swarm_v0", n_swimmers=2, max_cycles=3)
+        env.reset(seed=0)
+        assert isinstance(env, base), f"{kind} must make a {base.__name__}, got {env!r}"
+        assert env.possible_agents == ["swimmer_0", "swimmer_1"]
+
+
+def check_seeds(make: Callable[[], Any], steps: int = 1000) -> None:
+    """Seeds decide everything: 1000 steps and a reset are bit-equal, and no global generator is touched.
+
+    Raises AssertionError where two environments with one seed differ in anything they return, where seeds 0
+    and 1 do not differ, or where the states of `random` or `numpy.random` have changed.
+    """
+    before = _global_generators()
+    first, second, other = (_played(make(), seed, steps) for seed in (0, 0, 1))
+    assert first == second, "two environments with seed 0 must do the same"
+    assert first != other, "seeds 0 and 1 must not do the same"
+    assert _global_generators() == before, "global generators must stay as they are"
+
+
+def _global_generators() -> tuple[Any, ...]:
+    return random.getstate(), _exact(np.random.get_state(legacy=False))  # noqa: NPY002
+
+
+def _played(env: Any, seed: int, steps: int) -> list[tuple[Any, ...]]:
+    """All that an environment returns while actions from the seed are played, episode after episode."""
+    actions = np.random.Generator(np.random.PCG64(seed))
+    returned = [_exact(env.reset(seed=seed))]
+    for _ in range(steps):
+        if not env.agents:
+            returned.append(_exact(env.reset()))
+        drawn = actions.integers(env.action_space(env.agents[0]).n, size=len(env.agents))
+        returned.append(_exact(env.step(dict(zip(env.agents, drawn.tolist(), strict=True)))))
+        returned.append(_exact([env.state()]))
+    returned.append(_exact(env.reset()))
+    return returned
+
+
+def _exact(parts: Any) -> tuple[Any, ...]:
+    """Nested dictionaries and arrays as something that is equal only where all bits are."""
+    if isinstance(parts, dict):
+        return tuple((key, _exact(part)) for key, part in parts.items())
+    if isinstance(parts, (tuple, list)):
+        return tuple(_exact(part) for part in parts)
+    return (type(parts), parts.tobytes() if isinstance(parts, np.ndarray) else parts)
+
+
+# --- Gymnasium ---
+
+
+def _spaces() -> None:
+    from gymnasium.utils.passive_env_checker import check_action_space, check_observation_space
+
+    for settings in SETTINGS.values():
+        env = _vector(**settings)
+        for space in (env.observation_space, env.single_observation_space):
+            check_observation_space(space)
+        for space in (env.action_space, env.single_action_space):
+            check_action_space(space)
+        observation, _ = env.reset(seed=0)
+        for _ in range(100):
+            assert observation in env.observation_space, "observations must lie in their space"
+            observation = env.step(env.action_space.sample())[0]
+
+
+def _vector_resets() -> None:
+    from gymnasium.utils import env_checker
+
+    for settings in SETTINGS.values():
+        # a spec that says nothing is left to chance, so that the checks compare two runs
+        env = _vector(**settings)
+        env.spec = SimpleNamespace(nondeterministic=False)
+        env_checker.check_seed_deprecation(env)
+        env_checker.check_reset_return_info_deprecation(env)
+        env_checker.check_reset_return_type(env)
+        env_checker.check_reset_seed_determinism(env)
+        env_checker.check_reset_options(env)
+
+
+def _vector_data() -> None:
+    from gymnasium.utils.env_checker import check_returned_data_not_reused
+
+    check_returned_data_not_reused(_vector(n_swimmers=1))  # which asks whether *the* environment has ended
+
+
+def _vector_wrappers(mode: str) -> None:
+    """Gymnasium's own wrappers count every life once, and find its last observation."""
+    from gymnasium.wrappers import vector as wrappers
+
+    for settings in SETTINGS.values():
+        counting = wrappers.RecordEpisodeStatistics(_vector(autoreset_mode=mode, **settings))
+        env = wrappers.DictInfoToList(counting)
+        _, infos = env.reset(seed=0)
+        lives = 0
+        for _ in range(100):
+            *_, terminated, truncated, infos = env.step(env.action_space.sample())
+            over = terminated | truncated
+            lives += int(over.sum())
+            assert [("episode" in info) for info in infos] == over.tolist(), "every end is an episode"
+            assert all(set(info) >= {"gain"} for info in infos), "info must hold gain"
+            if mode == "SameStep":
+                assert [("final_obs" in info) for info in infos] == over.tolist(), "every end is observed"
+        assert lives == counting.episode_count > 0, "lives must be counted once"
+
+
+def _vector_registered() -> None:
+    import gymnasium
+
+    import swarm  # noqa: F401  which registers
+
+    env = gymnasium.make_vec("chemoswarm/SpermSwarm-v0", num_envs=3, field="radial")
+    env.reset(seed=0)
+    assert env.num_envs == 3
+
+
+# --- TorchRL ---
+
+
+def _torchrl_specs() -> None:
+    _need("torchrl", "the TorchRL face")
+    from torchrl.envs import check_env_specs
+
+    from swarm.envs.torchrl import SwarmEnv
+
+    for settings in SETTINGS.values():
+        check_env_specs(SwarmEnv(n_worlds=2, **({"n_swimmers": 3, "life": 4.0} | settings)))
+
+
+def _torchrl_wrapper() -> None:
+    _need("torchrl", "PettingZooWrapper")
+    from torchrl.envs import PettingZooWrapper, check_env_specs
+
+    env = PettingZooWrapper(_parallel(life=4.0), use_mask=True, done_on_any=False)
+    check_env_specs(env)
+    rollout = env.rollout(100)
+    assert rollout.shape[-1] > 1, "a rollout must last"
+
+
+# --- helpers ---
+
+
+def _need(module: str, purpose: str) -> None:
+    if importlib.util.find_spec(module) is None:
+        raise _Skipped(f"{purpose} needs {module}, which is not installed")
+
+
+@contextlib.contextmanager
+def _without_display() -> Any:
+    """A display that nobody sees, so that windows open anywhere."""
+    before = os.environ.get("SDL_VIDEODRIVER")
+    os.environ["SDL_VIDEODRIVER"] = "dummy"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["SDL_VIDEODRIVER"]
+        else:
+            os.environ["SDL_VIDEODRIVER"] = before

@@ -1,0 +1,212 @@
+"""The Gymnasium face: every cell is a sub-environment of one vector environment."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+from gymnasium.logger import warn
+from gymnasium.spaces import Box, Discrete
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from swarm._support.checks import check_count, check_name
+from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, make_world
+from swarm.physics.world import World
+
+AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
+
+
+class SpermSwarmVector(VectorEnv):
+    """`n_swimmers` cells in one world, each an environment of its own; arguments as `swarm.parallel_env`.
+
+    A cell whose life has ended begins its next by itself, at its row of the next episode's starts, while the
+    others go on. `autoreset_mode` says when, as in Gymnasium:
+
+    - "SameStep", the default: in the step that ends the life. The observation is already the new life's
+      first; the last of the old is in `info["final_obs"]`, its gain in `info["final_info"]["gain"]`, for the
+      cells that `info["_final_obs"]` marks.
+    - "NextStep": in the step after, whatever the action, with reward 0.
+    - "Disabled": in `reset(options={"reset_mask": cells})`, until which no step is possible.
+
+    `info["gain"]` is c(t) − c(0) of every cell [concentration].
+    """
+
+    def __init__(
+        self,
+        n_swimmers: int = 40,
+        *,
+        max_cycles: int | None = None,
+        render_mode: str | None = None,
+        dtype: str = "float64",
+        autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+        world: World | None = None,
+        **parameters: Any,
+    ) -> None:
+        self.world = make_world(world, parameters)
+        self.arena = Arena(self.world, n_swimmers, dtype)
+        self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
+        if render_mode is not None:
+            check_name("render_mode", render_mode, RENDER_MODES)
+        self.render_mode = render_mode
+        if not isinstance(autoreset_mode, AutoresetMode):
+            autoreset_mode = AUTORESET_MODES[check_name("autoreset_mode", autoreset_mode, AUTORESET_MODES)]
+        self.autoreset_mode = autoreset_mode
+        self.metadata = {
+            "render_modes": RENDER_MODES,
+            "render_fps": RENDER_FPS,
+            "autoreset_mode": autoreset_mode,
+        }
+        bounds = self.world.observation_bounds
+        self.num_envs = self.arena.n_swimmers
+        self.single_observation_space = Box(-bounds, bounds, dtype=np.float32)
+        self.single_action_space = Discrete(self.world.n_actions)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._done: np.ndarray | None = None  # (cells,) lives that are over; None before the first reset
+        self._viewer: Any = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin a life of every cell; returns observations (cells, N_T · features) float32 and info.
+
+        `seed` begins a stream of episodes; without it the next episode of the stream begins.
+        `options["position"]` (cells, 2) [length] and `options["heading"]` (cells,) [rad] set poses; with
+        `options["reset_mask"]` (cells,) bool only those cells begin their next life. Others are ignored.
+        """
+        cells = self._reset_mask(seed, options)
+        if cells is None:
+            observation = self.arena.reset(seed, options)
+            self._done = np.zeros(self.num_envs, bool)
+        else:
+            observation = self.arena.restart(cells)
+            self._done = self._begun() & ~cells
+        super().reset(seed=seed)
+        if self.render_mode is not None:
+            self._watch().follow(self.arena.state)
+        return observation, self._info()
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """One decision of every cell; rewards, terminations and truncations are (cells,).
+
+        Raises TypeError or ValueError where an action is none, and leaves everything as it was.
+        """
+        over = self._begun()
+        action = np.where(over, self.arena.action, self._checked(actions))
+        if over.any() and self.autoreset_mode is AutoresetMode.DISABLED:
+            waiting = ", ".join(f"swimmer_{i}" for i in np.flatnonzero(over)[:3])
+            raise RuntimeError(
+                f"step: the lives of {waiting} are over; call reset with options['reset_mask']"
+            )
+        arena = copy.copy(self.arena)  # kept only if nothing goes wrong
+        observation, reward, terminated, truncated, _ = arena.step(action)
+        if self.max_cycles is not None:
+            truncated = truncated | ((arena.decision >= self.max_cycles) & ~terminated)
+        if over.any():
+            observation = arena.restart(over)
+            reward, terminated, truncated = np.where(over, 0, reward), terminated & ~over, truncated & ~over
+        done = terminated | truncated
+        info = {}
+        if done.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
+            info = self._final(done, observation, arena.gain)
+            observation = arena.restart(done)
+            self._done = np.zeros(self.num_envs, bool)
+        else:
+            self._done = done
+        self.arena = arena
+        if self.render_mode is not None:
+            self._watch().follow(arena.state)
+        return observation, reward, terminated, truncated, info | self._info()
+
+    def state(self) -> np.ndarray:
+        """x, y [length], heading [rad] and curvature [1 / length] of every cell (cells, 4)."""
+        self._begun()
+        return self.arena.table()
+
+    # --- pictures ---
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """One picture (height, width, 3) uint8 of all cells with "rgb_array"; "human" shows it."""
+        self._begun()
+        if self.render_mode is None:
+            warn('render: make the environment with render_mode="rgb_array" or "human" to see something')
+            return None
+        picture = self._watch().render(self.arena.state)
+        return None if picture is None else (picture,)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the window, if there is one."""
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
+
+    def _watch(self) -> Any:
+        from swarm.figures.viewer import Viewer
+
+        if self._viewer is None:
+            self._viewer = Viewer(self.world, window=self.render_mode == "human", fps=RENDER_FPS)
+        return self._viewer
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but pictures and windows."""
+        return self.__dict__ | {"_viewer": None}
+
+    # --- helpers ---
+
+    def _begun(self) -> np.ndarray:
+        if self._done is None:
+            raise RuntimeError("reset must be called first")
+        return self._done
+
+    def _info(self) -> dict[str, Any]:
+        return {"gain": self.arena.gain.copy(), "_gain": np.ones(self.num_envs, bool)}
+
+    def _final(self, done: np.ndarray, observation: np.ndarray, gain: np.ndarray) -> dict[str, Any]:
+        """What a life ended with, in the form that Gymnasium's own vector environments give it."""
+        last = np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(done):
+            last[i] = observation[i].copy()
+        return {
+            "final_obs": last,
+            "_final_obs": done.copy(),
+            "final_info": {"gain": np.where(done, gain, 0), "_gain": done.copy()},
+            "_final_info": done.copy(),
+        }
+
+    def _reset_mask(self, seed: int | None, options: dict[str, Any] | None) -> np.ndarray | None:
+        if options is None or options.get("reset_mask") is None:
+            return None
+        cells = options["reset_mask"]
+        if not isinstance(cells, np.ndarray) or cells.dtype != bool or cells.shape != (self.num_envs,):
+            raise ValueError(
+                f"options['reset_mask'] must be a bool array of shape ({self.num_envs},), got {cells!r}"
+            )
+        if not cells.any():
+            raise ValueError("options['reset_mask'] must choose at least one cell, got none")
+        if seed is not None:
+            raise ValueError(f"seed must be None with options['reset_mask'], got {seed!r}")
+        self._begun()
+        return cells
+
+    def _checked(self, actions: Any) -> np.ndarray:
+        """The actions as whole numbers (cells,)."""
+        rule = f"actions must be {self.num_envs} whole numbers from 0 to {self.world.n_actions - 1}"
+        action = np.asarray(actions)
+        if action.dtype.kind not in "iu":
+            raise TypeError(f"{rule}, got {action.dtype} {actions!r}")
+        if action.shape != (self.num_envs,):
+            raise ValueError(f"{rule}, got shape {action.shape}")
+        wrong = (action < 0) | (action >= self.world.n_actions)
+        if wrong.any():
+            i = int(wrong.argmax())
+            raise ValueError(f"{rule}, got {action[i]} for swimmer_{i}")
+        return action
+
+
+def vector_env(num_envs: int = 40, **kwargs: Any) -> SpermSwarmVector:
+    """`SpermSwarmVector` under the name for its size that `gymnasium.make_vec` uses."""
+    return SpermSwarmVector(num_envs, **kwargs)

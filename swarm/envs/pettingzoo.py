@@ -1,0 +1,294 @@
+"""The PettingZoo face: every cell is an agent of one parallel environment.
+
+| agents | `swimmer_0` … `swimmer_{N−1}`; one that has finished leaves `agents` |
+|---|---|
+| action | `Discrete(m)`: the curvature of the next interval, 0 the lowest |
+| observation | `Box` (N_T · features,) float32: the normalised memory, newest record first |
+| reward | change of the memory's mean concentration over the interval, normalised |
+| terminated | the cell's path came within reach of the egg |
+| truncated | its life is over, it left its field's or flow's domain, or `max_cycles` is reached |
+| info | `gain`: c(t) − c(0) [concentration] |
+| state | (N, 4): x, y [length], heading [rad] in [−π, π], curvature of the last interval [1 / length] |
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.logger import warn
+from gymnasium.spaces import Box, Discrete
+from pettingzoo import ParallelEnv
+from pettingzoo.utils import parallel_to_aec
+from pettingzoo.utils.env import AECEnv
+from pettingzoo.utils.wrappers import AssertOutOfBoundsWrapper, OrderEnforcingWrapper
+
+from swarm._support.checks import check_count, check_name
+from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena
+from swarm.physics.fields import Field
+from swarm.physics.flows import Flow
+from swarm.physics.world import World
+
+
+def parallel_env(
+    n_swimmers: int = 40,
+    n_records: int = 4,
+    field: str | Field = "linear",
+    flow: str | Flow = "still",
+    sense_flow: bool = False,
+    varying_speed: bool = False,
+    life: float = 80.0,
+    start_box: tuple[tuple[float, float], tuple[float, float]] | None = None,
+    max_cycles: int | None = None,
+    render_mode: str | None = None,
+    curvatures: Sequence[float] = (3.0, 5.0),
+    speed: float = 1.0,
+    speeds: tuple[float, float] = (1.1, 0.9),
+    time_step: float = 0.02,
+    interval_rule: str = "truncated",
+    dtype: str = "float64",
+    *,
+    concentration_noise: float = 0.0,
+    curvature_noise: float = 0.0,
+    rotational_diffusion: float = 0.0,
+) -> SpermSwarm:
+    """A swarm in one world, as a PettingZoo `ParallelEnv`.
+
+    `n_swimmers` is the number of cells, `max_cycles` truncates after that many decisions, `render_mode` is
+    None, "rgb_array" or "human", `dtype` "float64" or "float32" is what positions are computed in. The others
+    are the parameters of `swarm.World`; `start_box=None` is the flow's own box or one period of it, else the
+    field's own, else [0, 10]². Raises TypeError or ValueError that names the parameter, the rule and the
+    value.
+    """
+    world = World(
+        n_records=n_records,
+        field=field,  # type: ignore[arg-type]
+        flow=flow,  # type: ignore[arg-type]
+        sense_flow=sense_flow,
+        varying_speed=varying_speed,
+        life=life,
+        start_box=start_box,
+        curvatures=curvatures,  # type: ignore[arg-type]
+        speed=speed,
+        speeds=speeds,
+        time_step=time_step,
+        interval_rule=interval_rule,
+        concentration_noise=concentration_noise,
+        curvature_noise=curvature_noise,
+        rotational_diffusion=rotational_diffusion,
+    )
+    return SpermSwarm(world, n_swimmers, max_cycles=max_cycles, render_mode=render_mode, dtype=dtype)
+
+
+@functools.wraps(parallel_env, assigned=(), updated=())
+def raw_env(*args: Any, **kwargs: Any) -> AECEnv:
+    """`parallel_env` with agents that act one after another; same arguments."""
+    return parallel_to_aec(parallel_env(*args, **kwargs))
+
+
+@functools.wraps(parallel_env, assigned=(), updated=())
+def env(*args: Any, **kwargs: Any) -> AECEnv:
+    """`raw_env` that refuses actions outside the action space at once; same arguments."""
+    return OrderEnforcingWrapper(AssertOutOfBoundsWrapper(raw_env(*args, **kwargs)))
+
+
+class SpermSwarm(ParallelEnv):
+    """All cells of one world as agents; see the module and `parallel_env`."""
+
+    metadata = {
+        "name": "sperm_swarm_v0",
+        "render_modes": RENDER_MODES,
+        "render_fps": RENDER_FPS,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        world: World,
+        n_swimmers: int = 40,
+        *,
+        max_cycles: int | None = None,
+        render_mode: str | None = None,
+        dtype: str = "float64",
+    ) -> None:
+        self.arena = Arena(world, n_swimmers, dtype)
+        self.world = world
+        self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
+        if render_mode is not None:
+            check_name("render_mode", render_mode, RENDER_MODES)
+        self.render_mode = render_mode
+        self.possible_agents = [f"swimmer_{i}" for i in range(self.arena.n_swimmers)]
+        self.agents: list[str] = []
+        self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
+        self._live: np.ndarray | None = None  # rows of `agents`; None while nobody has finished
+        self._cycle: int | None = None  # decisions since reset; None before the first
+        bounds = world.observation_bounds
+        self._observation_spaces = {
+            agent: Box(-bounds, bounds, dtype=np.float32) for agent in self.possible_agents
+        }
+        self._action_spaces = {agent: Discrete(world.n_actions) for agent in self.possible_agents}
+        self.state_space = self._make_state_space()
+        self._viewer: Any = None
+
+    def observation_space(self, agent: str) -> Box:
+        """Box (N_T · features,) float32 whose finite bounds hold."""
+        return self._observation_spaces[agent]
+
+    def action_space(self, agent: str) -> Discrete:
+        """Discrete(m)."""
+        return self._action_spaces[agent]
+
+    # --- episodes ---
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, float]]]:
+        """Begin a life of every cell.
+
+        `seed` begins a stream of episodes; without it the next episode of the stream begins.
+        `options["position"]` (N, 2) [length] and `options["heading"]` (N,) [rad] set poses, inside the start
+        box or not; other options are ignored.
+        """
+        observation = self.arena.reset(seed, options)
+        self.agents, self._live, self._cycle = self.possible_agents[:], None, 0
+        if self.render_mode is not None:
+            self._watch().follow(self.arena.state)
+        infos = {agent: {"gain": 0.0} for agent in self.agents}
+        return dict(zip(self.agents, observation, strict=True)), infos
+
+    def step(
+        self, actions: dict[str, int]
+    ) -> tuple[
+        dict[str, np.ndarray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, float]]
+    ]:
+        """One decision of every cell in `agents`, whatever its length.
+
+        Every agent in `agents` needs an action; those of finished agents are ignored. Raises TypeError or
+        ValueError where something is wrong, and leaves everything as it was.
+        """
+        cycle = self._check_begun() + 1
+        if not self.agents:
+            raise RuntimeError("step: every swimmer has finished; call reset to begin the next episode")
+        agents, live = self.agents, self._live
+        outcome = self.arena.step(self._unpack(actions))
+        self._cycle = cycle
+        observation, reward, terminated, truncated, gain = (
+            outcome if live is None else (values[live] for values in outcome)
+        )
+        if self.max_cycles is not None and cycle >= self.max_cycles:
+            truncated = ~terminated
+        if (done := terminated | truncated).any():
+            self._live = np.flatnonzero(~done) if live is None else live[~done]
+            self.agents = [self.possible_agents[i] for i in self._live]
+            terminations = dict(zip(agents, terminated.tolist(), strict=True))
+            truncations = dict(zip(agents, truncated.tolist(), strict=True))
+        else:
+            terminations, truncations = dict.fromkeys(agents, False), dict.fromkeys(agents, False)
+        if self.render_mode is not None:
+            self._watch().follow(self.arena.state)
+        return (
+            dict(zip(agents, observation, strict=True)),
+            dict(zip(agents, reward.tolist(), strict=True)),
+            terminations,
+            truncations,
+            {agent: {"gain": value} for agent, value in zip(agents, gain.tolist(), strict=True)},
+        )
+
+    def state(self) -> np.ndarray:
+        """x, y, heading and curvature (N, 4) of every cell, also of those that have finished."""
+        self._check_begun()
+        return self.arena.table()
+
+    # --- pictures ---
+
+    def render(self) -> np.ndarray | None:
+        """The picture (height, width, 3) uint8 with "rgb_array"; "human" shows it in a window."""
+        self._check_begun()
+        if self.render_mode is None:
+            warn('render: make the environment with render_mode="rgb_array" or "human" to see something')
+            return None
+        return self._watch().render(self.arena.state)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
+
+    def _watch(self) -> Any:
+        from swarm.figures.viewer import Viewer
+
+        if self._viewer is None:
+            self._viewer = Viewer(self.world, window=self.render_mode == "human", fps=RENDER_FPS)
+        return self._viewer
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but pictures and windows."""
+        return self.__dict__ | {"_viewer": None}
+
+    # --- checks ---
+
+    def _check_begun(self) -> int:
+        if self._cycle is None:
+            raise RuntimeError("reset must be called first")
+        return self._cycle
+
+    def _unpack(self, actions: dict[str, int]) -> np.ndarray:
+        """Actions (cells,); a finished cell keeps its last."""
+        try:
+            values = list(map(actions.__getitem__, self.agents))
+        except (AttributeError, LookupError, TypeError):
+            raise self._wrong_agents(actions) from None
+        if len(values) != len(actions) and not actions.keys() <= self._index.keys():
+            raise self._wrong_agents(actions)
+        try:  # whole numbers in [0, 256)
+            chosen = np.frombuffer(bytes(values), np.uint8)
+        except (TypeError, ValueError):
+            chosen = None
+        if chosen is None or chosen.max() >= self.world.n_actions:
+            chosen = self._unpack_slowly(values)
+        if self._live is None:
+            return chosen
+        everyone = self.arena.action.copy()
+        everyone[self._live] = chosen
+        return everyone
+
+    def _unpack_slowly(self, values: list[Any]) -> np.ndarray:
+        """Raises unless all values are actions."""
+        top = self.world.n_actions - 1
+        for agent, value in zip(self.agents, values, strict=True):
+            rule = f"the action of {agent} must be a whole number from 0 to {top}, got {value!r}"
+            try:
+                number = operator.index(value)
+            except TypeError:
+                raise TypeError(rule) from None
+            if not 0 <= number <= top:
+                raise ValueError(rule)
+        return np.array(values)
+
+    def _wrong_agents(self, actions: Any) -> Exception:
+        if not isinstance(actions, dict):
+            return TypeError(f"actions must be a dictionary from agents to actions, got {actions!r}")
+        for agent in actions:
+            if agent not in self._index:
+                known = f"swimmer_0 to {self.possible_agents[-1]}"
+                return ValueError(f"actions must be for {known}, got one for {agent!r}")
+        missing = [agent for agent in self.agents if agent not in actions]
+        return ValueError(
+            f"actions must be given for every agent in `agents`, got none for {_listed(missing)}"
+        )
+
+    def _make_state_space(self) -> Box:
+        dtype, kappa = self.arena.dtype, self.world.curvatures
+        anywhere = np.finfo(dtype).max
+        low = np.array([-anywhere, -anywhere, -np.pi, kappa[0]], dtype)
+        high = np.array([anywhere, anywhere, np.pi, kappa[-1]], dtype)
+        cells = (len(self.possible_agents), 1)
+        return Box(np.tile(low, cells), np.tile(high, cells), dtype=dtype)
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

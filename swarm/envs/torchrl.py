@@ -1,0 +1,384 @@
+"""The TorchRL face: many worlds of many swimmers in one tensor, on any device."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import types
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from swarm._support import streams
+from swarm._support.arrays import namespace
+from swarm._support.checks import check_count, check_name
+from swarm.envs.arena import make_world
+from swarm.physics.starts import NOISE_BLOCK, draw_noise, draw_starts
+from swarm.physics.world import Outcome, State, World
+
+GROUP = "swimmers"
+DTYPES = {"float32": torch.float32, "float64": torch.float64}
+NUMPY_CELLS = 5_000  # up to so many, NumPy makes a decision on the CPU faster than torch (`make bench`)
+
+Array = Any
+
+
+class Transition(NamedTuple):
+    """What `SwarmEnv.advance` returns; finished cells get reward 0."""
+
+    observation: Tensor  # (worlds, cells, N_T · features) float32
+    reward: Tensor  # (worlds, cells)
+    terminated: Tensor  # (worlds, cells) bool
+    truncated: Tensor  # (worlds, cells) bool
+    valid: Tensor  # (worlds, cells) bool: the cell was alive before this decision
+
+
+class SwarmEnv(EnvBase):
+    """`n_worlds` independent worlds of `n_swimmers` cells each; arguments otherwise as `swarm.parallel_env`.
+
+    Tensors are (worlds, cells, ...) in the group `swimmers`: `observation`, `action`, `reward`, `done`,
+    `terminated`, `truncated`, `gain`. A cell that is done waits, masked, until every cell of its world is
+    done; then the root `done` of the world is set and the world restarts. A row of data is valid where
+    ("swimmers", "done") was False before the step.
+
+    Starts come from the same streams as the PettingZoo face: world w of seed s holds rows w · n_swimmers … of
+    that seed's population. With `seeds` given, the worlds are shared out evenly among several independent
+    seeds. `compile_step` hands the decision to `torch.compile`, which pays after some ten thousand steps of
+    many cells. Without it, up to `NUMPY_CELLS` cells on the CPU decide in NumPy, whose calls take a fraction
+    of torch's; tensors and arrays share their memory.
+    """
+
+    batch_locked = True
+
+    def __init__(
+        self,
+        n_worlds: int = 1,
+        device: torch.device | str | None = None,
+        *,
+        n_swimmers: int = 40,
+        dtype: str = "float32",
+        max_cycles: int | None = None,
+        seed: int = 0,
+        seeds: Sequence[int] | None = None,
+        population: streams.Population = "training",
+        compile_step: bool = False,
+        world: World | None = None,
+        **parameters: Any,
+    ) -> None:
+        self.n_worlds = check_count("n_worlds", n_worlds)
+        self.n_swimmers = check_count("n_swimmers", n_swimmers)
+        self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
+        self.world = make_world(world, parameters)
+        self.float_dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
+        self.population = population
+        wrap = compiled if compile_step else functools.partial
+        self._decide: Callable[..., Any] = wrap(_decision, self.world)
+        super().__init__(device=device, batch_size=torch.Size([self.n_worlds]))
+        self._place = torch.device("cpu") if device is None else torch.device(device)
+        few = self.n_worlds * self.n_swimmers <= NUMPY_CELLS
+        self._in_numpy = few and self._place.type == "cpu" and not compile_step
+        self._make_specs()
+        self._terminated = torch.zeros(n_worlds, n_swimmers, 1, dtype=torch.bool, device=self._place)
+        self._state: State | None = None  # in the library that computes it
+        self.observation: Tensor | None = None
+        self.set_seeds([seed] if seeds is None else seeds)
+
+    # --- plain tensors: what the trainer uses ---------------------------------------------------------------
+
+    @property
+    def state(self) -> State | None:
+        """The cells (worlds, cells, ...); None before the first restart."""
+        return None if self._state is None else State(*map(self._tensor, self._state))
+
+    def all_finished(self) -> bool:
+        """Whether every cell's life has ended."""
+        assert self._state is not None, "restart() must come first"
+        return bool(self._state.finished.all())
+
+    def set_seeds(self, seeds: Sequence[int]) -> None:
+        """Share the worlds out among `seeds`, block after block, and begin with episode 0 at the next
+        restart.
+        """
+        self.seeds = [streams.check_seed(seed) for seed in seeds]
+        if not self.seeds or self.n_worlds % len(self.seeds):
+            raise ValueError(
+                f"n_worlds must be a multiple of the number of seeds, got {self.n_worlds} worlds and "
+                f"{len(self.seeds)} seeds"
+            )
+        self.episode = np.full(self.n_worlds, -1)
+        self.decision = np.zeros(self.n_worlds, np.int64)
+
+    def restart(self, worlds: np.ndarray | None = None) -> Tensor:
+        """Begin the next episode in the chosen worlds (a mask; default all); returns all observations."""
+        chosen = np.ones(self.n_worlds, bool) if worlds is None or self._state is None else np.asarray(worlds)
+        self.episode[chosen] += 1
+        self.decision[chosen] = 0
+        position = np.zeros((self.n_worlds, self.n_swimmers, 2))
+        heading = np.zeros((self.n_worlds, self.n_swimmers))
+        past = np.zeros((self.n_worlds, self.n_swimmers, self.world.n_records), np.int64)
+        for seed, episode, block, members in self._alike(chosen, self.episode):
+            starts = draw_starts(
+                self.world, len(block) * self.n_swimmers, seed, population=self.population, episode=episode
+            )
+            rows = members - block[0]
+            shape = (len(block), self.n_swimmers)
+            position[members] = starts.position.reshape(*shape, 2)[rows]
+            heading[members] = starts.heading.reshape(shape)[rows]
+            past[members] = starts.past.reshape(*shape, self.world.n_records)[rows]
+        return self._begin(self.world.start(*map(self._array, (position, heading, past))), chosen)
+
+    def place(self, position: Tensor, heading: Tensor, past: Tensor) -> Tensor:
+        """Start every cell at given poses (worlds, cells, ...); returns the observations."""
+        self.episode[:] = np.maximum(self.episode, 0)
+        self.decision[:] = 0
+        starts = (position.to(self.float_dtype), heading.to(self.float_dtype), past)
+        return self._begin(self.world.start(*map(self._bare, starts)), np.ones(self.n_worlds, bool))
+
+    def _begin(self, fresh: State, chosen: np.ndarray) -> Tensor:
+        """Put cells into the chosen worlds (a mask), for which the counters are set; returns all
+        observations.
+        """
+        if self._state is None or chosen.all():
+            self._state = fresh
+        else:
+            mask = self._array(chosen)
+            self._state = State(*(_where(mask, *pair) for pair in zip(fresh, self._state, strict=True)))
+        if self.world.has_noise:
+            self._refill_noise(chosen)
+        observation = self._tensor(self.world.observation(self._state))
+        self.observation = observation
+        return observation
+
+    def advance(self, action: Tensor) -> Transition:
+        """One decision of every cell, without a TensorDict; does not restart finished worlds."""
+        return self._advance(action)[0]
+
+    def _advance(self, action: Tensor) -> tuple[Transition, Tensor]:
+        """What `advance` returns, and the gain."""
+        if self._state is None:
+            raise RuntimeError("restart() or reset() must come before advance()")
+        # Not in the compiled part: torch's compiler writes flags byte by byte.
+        valid = ~self._state.finished
+        self._state, outcome = self._decide(self._state, self._bare(action), self._noise_now())
+        truncated = outcome.truncated
+        self.decision += 1
+        if self.world.has_noise and (due := self.decision % NOISE_BLOCK == 0).any():
+            self._refill_noise(due)
+        if self.max_cycles is not None and (over := self.decision >= self.max_cycles).any():
+            truncated = truncated | (self._array(over)[:, None] & ~outcome.terminated)
+            self._state = self._state._replace(finished=self._state.finished | truncated)
+        parts = (outcome.observation, outcome.reward, outcome.terminated, truncated, valid)
+        result = Transition(*map(self._tensor, parts))
+        self.observation = result.observation
+        return result, self._tensor(outcome.gain)
+
+    def gain(self) -> Tensor:
+        """Gain c(t) − c(0) (worlds, cells) so far [concentration]."""
+        assert self._state is not None, "restart() must come first"
+        concentration = self.world.field.concentration(self._state.position)
+        return self._tensor(concentration - self._state.start_concentration)
+
+    def state_dict_of_env(self) -> dict[str, Tensor]:
+        """All that is needed to go on from here: the cells' state and the counters."""
+        state = self.state
+        assert state is not None, "restart() must come first"
+        arrays = {f"state.{name}": value for name, value in state._asdict().items()}
+        return arrays | {
+            "episode": torch.as_tensor(self.episode.copy()),
+            "decision": torch.as_tensor(self.decision.copy()),
+        }
+
+    def load_state_dict_of_env(self, arrays: dict[str, Tensor]) -> None:
+        """Go on from what `state_dict_of_env` gave."""
+        state = State(*(self._bare(arrays[f"state.{name}"].to(self._place)) for name in State._fields))
+        if not self._in_numpy:
+            parts = {name: _part_by_part(getattr(state, name)) for name in ("position", "heading", "memory")}
+            state = state._replace(**parts)
+        self.episode, self.decision = arrays["episode"].numpy().copy(), arrays["decision"].numpy().copy()
+        self._begin(state, np.ones(self.n_worlds, bool))
+
+    # --- TensorDicts: what TorchRL asks for -----------------------------------------------------------------
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDict:
+        worlds = None
+        if tensordict is not None and "_reset" in tensordict.keys():  # noqa: SIM118
+            worlds = tensordict["_reset"].reshape(self.n_worlds).cpu().numpy()
+        observation = self.restart(worlds)
+        assert self._state is not None
+        done = self._tensor(self._state.finished)[..., None]
+        chosen = np.ones(self.n_worlds, bool) if worlds is None else worlds
+        fresh = torch.as_tensor(chosen, device=self._place)
+        self._terminated = _where(fresh, torch.zeros_like(done), self._terminated)
+        return self._pack(observation, self.gain(), done)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDict:
+        action = tensordict[GROUP, "action"]
+        self._check_action(action)
+        result, gain = self._advance(action)
+        assert self._state is not None
+        done = self._tensor(self._state.finished)[..., None]
+        if self.world.egg is not None:
+            self._terminated = self._terminated | result.terminated[..., None]
+        out = self._pack(result.observation, gain, done)
+        out[GROUP]["reward"] = result.reward[..., None].to(torch.float32)
+        return out
+
+    def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:
+        """What TorchRL would complete and reshape is complete and in shape already."""
+        return next_tensordict_out
+
+    def _check_action(self, action: Tensor) -> None:
+        """Raises TypeError or ValueError, before anything has changed, unless all actions are known ones."""
+        top = self.world.n_actions - 1
+        rule = f"actions must be whole numbers from 0 to {top} of shape {(self.n_worlds, self.n_swimmers)}"
+        if action.is_floating_point() or action.dtype == torch.bool:
+            raise TypeError(f"{rule}, got {action.dtype}")
+        if tuple(action.shape) != (self.n_worlds, self.n_swimmers):
+            raise ValueError(f"{rule}, got the shape {tuple(action.shape)}")
+        low, high = (int(number) for number in action.aminmax())
+        if low < 0 or high > top:
+            raise ValueError(f"{rule}, got {low if low < 0 else high}")
+
+    def _set_seed(self, seed: int | None) -> None:
+        self.set_seeds([0 if seed is None else seed])
+
+    def _pack(self, observation: Tensor, gain: Tensor, done: Tensor) -> TensorDict:
+        flags = {"done": done, "terminated": self._terminated, "truncated": done & ~self._terminated}
+        everyone = _all_cells(done)
+        ended = _all_cells(self._terminated) if self.world.egg is not None else torch.zeros_like(everyone)
+        group = TensorDict(
+            {"observation": observation, "gain": gain[..., None].to(torch.float32), **flags},
+            batch_size=(self.n_worlds, self.n_swimmers),
+            device=self.device,
+        )
+        root = {GROUP: group, "done": everyone, "terminated": ended, "truncated": everyone & ~ended}
+        return TensorDict(root, batch_size=self.batch_size, device=self.device)
+
+    def _make_specs(self) -> None:
+        shape, device = (self.n_worlds, self.n_swimmers), self._place
+        bound = torch.as_tensor(self.world.observation_bounds, device=device).expand(*shape, -1)
+        flag = {"dtype": torch.bool, "device": device, "n": 1}
+
+        def group(**specs: Any) -> Composite:
+            return Composite({GROUP: Composite(specs, shape=shape)}, shape=(self.n_worlds,))
+
+        self.observation_spec = group(
+            observation=Bounded(-bound, bound, shape=bound.shape, dtype=torch.float32, device=device),
+            gain=Unbounded(shape=(*shape, 1), dtype=torch.float32, device=device),
+        )
+        self.action_spec = group(
+            action=Categorical(self.world.n_actions, shape=shape, dtype=torch.int64, device=device)
+        )
+        self.reward_spec = group(reward=Unbounded(shape=(*shape, 1), dtype=torch.float32, device=device))
+        names = ("done", "terminated", "truncated")
+        done = group(**{name: Binary(shape=(*shape, 1), **flag) for name in names})
+        for name in names:
+            done[name] = Binary(shape=(self.n_worlds, 1), **flag)
+        self.done_spec = done
+
+    # --- helpers --------------------------------------------------------------------------------------------
+
+    def _alike(self, chosen: np.ndarray, index: np.ndarray) -> Any:
+        """(seed, index, the seed's worlds, the chosen worlds of that seed and index)."""
+        for seed, block in zip(self.seeds, np.split(np.arange(self.n_worlds), len(self.seeds)), strict=True):
+            mine = block[chosen[block]]
+            for value in np.unique(index[mine]):
+                yield seed, int(value), block, mine[index[mine] == value]
+
+    def _noise_now(self) -> Array | None:
+        """This decision's noise (worlds, cells, 3)."""
+        if not self.world.has_noise:
+            return None
+        worlds, place = np.arange(self.n_worlds), self.decision % NOISE_BLOCK
+        return self._noise[self._array(worlds), :, self._array(place)]
+
+    def _refill_noise(self, chosen: np.ndarray) -> None:
+        """Draw the block of noise that the chosen worlds are in."""
+        blocks = self.decision // NOISE_BLOCK
+        noise = np.zeros((self.n_worlds, self.n_swimmers, NOISE_BLOCK, 3))
+        stride = int(blocks.max()) + 1
+        for seed, key, block, members in self._alike(chosen, self.episode * stride + blocks):
+            drawn = draw_noise(
+                seed,
+                len(block) * self.n_swimmers,
+                NOISE_BLOCK,
+                population=self.population,
+                episode=key // stride,
+                block=key % stride,
+            )
+            noise[members] = drawn.reshape(len(block), self.n_swimmers, NOISE_BLOCK, 3)[members - block[0]]
+        fresh = self._array(noise)
+        old = getattr(self, "_noise", None)
+        self._noise = fresh if old is None or chosen.all() else _where(self._array(chosen), fresh, old)
+
+    def _array(self, values: np.ndarray) -> Array:
+        """`values` in the library that computes decisions, real numbers in the environment's precision."""
+        dtype = self.float_dtype if values.dtype.kind == "f" else None
+        return self._bare(torch.as_tensor(values, dtype=dtype, device=self._place))
+
+    def _bare(self, tensor: Tensor) -> Array:
+        """A tensor on this environment's device as the library that computes decisions takes it."""
+        return tensor.numpy() if self._in_numpy else tensor
+
+    def _tensor(self, array: Array) -> Tensor:
+        """What decisions computed, as a tensor."""
+        if not self._in_numpy:
+            return array
+        return torch.from_numpy(array if array.flags.writeable else array.copy())
+
+
+def _all_cells(flags: Tensor) -> Tensor:
+    """Whether all cells (worlds, cells, 1) are flagged (worlds, 1); to count is faster than to ask."""
+    return flags.sum(dim=1, dtype=torch.int32) == flags.shape[1]
+
+
+def _decision(world: World, state: State, action: Array, noise: Array | None) -> tuple[State, Outcome]:
+    """One decision of every cell; those that were done get no reward."""
+    after, outcome = world.step(state, action, noise)
+    xp, reward = namespace(outcome.reward), outcome.reward
+    return after, outcome._replace(reward=xp.where(state.finished, xp.zeros_like(reward), reward))
+
+
+def compiled(function: Callable[..., Any], *first: Any) -> Callable[..., Any]:
+    """`function` with its first arguments, compiled by torch; as it is, with one line said, where that fails.
+
+    Every call gives what the same code gives: compiled and plain code may round differently.
+    """
+    # A copy with code of its own: torch counts how often it compiles a code, and gives up after some times.
+    own = types.FunctionType(function.__code__.replace(), function.__globals__, function.__name__)
+    fast = torch.compile(own, fullgraph=True, dynamic=False)
+    chosen: list[Callable[..., Any]] = []
+
+    def call(*further: Any) -> Any:
+        arguments = (*first, *further)
+        if chosen:
+            return chosen[0](*arguments)
+        result = function(*arguments)  # fills the tables that the compiled code takes as given
+        try:
+            result = fast(*arguments)
+            chosen.append(fast)
+        except Exception as error:  # no compiler, no headers, an unsupported platform: all end here
+            reason = (str(error).splitlines() or [""])[0][:120]
+            print(
+                f"torch.compile does not work here, going on without: {type(error).__name__}: {reason}",
+                file=sys.stderr,
+            )
+            chosen.append(function)
+        return result
+
+    return call
+
+
+def _part_by_part(array: Tensor) -> Tensor:
+    """(worlds, cells, ...) in memory as the world makes it, for which decisions are compiled."""
+    return array.movedim((0, 1), (-2, -1)).contiguous().movedim((-2, -1), (0, 1))
+
+
+def _where(mask: Array, new: Array, old: Array) -> Array:
+    return namespace(old).where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)

@@ -1,0 +1,96 @@
+"""Films: pictures of a swarm -> an animated GIF that stays small, or a sharp video."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from swarm._support.checks import check_count
+from swarm.figures.scene import SIZE
+
+SMALLEST = 90  # height [pixels]
+COLOURS = 96  # of a GIF; few, and never dithered, which keeps it small
+
+
+class Form(NamedTuple):
+    """How a kind of film is made."""
+
+    height: int  # unless another is asked for [pixels]
+    fps: int
+    frames: int  # pictures of a decision
+
+
+FORMS = {".gif": Form(360, 12, 1), ".mp4": Form(SIZE, 24, 2)}
+
+
+def check_size(size: int | None, suffix: str) -> int:
+    """The height of a film in pixels; raises ValueError unless it is one that can be drawn."""
+    if size is None:
+        return FORMS[suffix].height
+    height = check_count("size", size, at_least=SMALLEST)
+    if height > SIZE:
+        raise ValueError(f"size must be at most {SIZE} pixels, in which swarms are drawn, got {size}")
+    return height
+
+
+def check_encoder(suffix: str) -> None:
+    """Raises ModuleNotFoundError where the package that encodes such films is missing."""
+    if suffix != ".gif" and find_spec("imageio_ffmpeg") is None:
+        raise ModuleNotFoundError(
+            f'a {suffix} film needs FFmpeg: pip install "chemoswarm[video]", or take .gif'
+        )
+
+
+def write_film(path: Path, suffix: str, pictures: Iterator[np.ndarray], height: int) -> None:
+    """Encode pictures (height, width, 3) uint8, reduced to `height`."""
+    reduced = (_reduced(picture, height) for picture in pictures)
+    if suffix == ".gif":
+        _write_gif(path, reduced)
+    else:
+        _write_video(path, suffix, reduced)
+
+
+def _reduced(picture: np.ndarray, height: int) -> np.ndarray:
+    from PIL import Image
+
+    if height == picture.shape[0]:
+        return picture
+    width = round(picture.shape[1] * height / picture.shape[0])
+    return np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS))
+
+
+def _write_gif(path: Path, pictures: Iterator[np.ndarray]) -> None:
+    """One palette for all pictures; until it is known they wait compressed."""
+    from PIL import Image
+
+    first = next(pictures)
+    packed = [zlib.compress(first.tobytes(), 1), *(zlib.compress(each.tobytes(), 1) for each in pictures)]
+
+    def opened(data: bytes) -> Any:
+        return Image.frombytes("RGB", (first.shape[1], first.shape[0]), zlib.decompress(data))
+
+    some = np.concatenate([np.asarray(opened(data)) for data in packed[:: max(1, len(packed) // 8)]])
+    palette = Image.fromarray(some).quantize(COLOURS, Image.Quantize.FASTOCTREE)
+    frames = (opened(data).quantize(palette=palette, dither=Image.Dither.NONE) for data in packed)
+    next(frames).save(
+        path, "GIF", save_all=True, append_images=frames, duration=round(1000 / FORMS[".gif"].fps), loop=0
+    )
+
+
+def _write_video(path: Path, suffix: str, pictures: Iterator[np.ndarray]) -> None:
+    """Encode by imageio, which tells kinds of film by their endings."""
+    import imageio.v2 as imageio
+
+    named = path.with_name(path.name + suffix)
+    try:
+        with imageio.get_writer(named, fps=FORMS[suffix].fps, macro_block_size=2, quality=8) as writer:
+            for picture in pictures:
+                writer.append_data(picture)  # type: ignore[attr-defined]
+        named.replace(path)
+    finally:
+        named.unlink(missing_ok=True)

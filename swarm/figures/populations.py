@@ -1,0 +1,356 @@
+"""Figures of results: centrelines, gains, one cell's life, training, noise.
+
+Every function takes results and returns a matplotlib Figure; `save` writes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from swarm.figures.life import comparison, path_of
+from swarm.figures.style import (
+    BRIGHT_IS_FAST,
+    INK,
+    WIDTH,
+    around_egg,
+    chosen_policies,
+    contenders,
+    count_cells,
+    frame,
+    gradient_arrow,
+    label_beside,
+    legend,
+    lettered,
+    look,
+    save,
+    shade,
+    shade_concentration,
+    styled,
+)
+from swarm.physics.fields import LinearField
+from swarm.physics.world import World
+from swarm.population.results import RIVAL
+from swarm.population.statistics import statistics
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "Curve",
+    "centrelines",
+    "centrelines_and_gains",
+    "comparison",
+    "gains",
+    "groups",
+    "noise_sweep",
+    "path_of",
+    "radial",
+    "save",
+    "training",
+]
+
+
+@styled
+def centrelines(
+    results: xr.Dataset,
+    world: World,
+    *,
+    policies: Sequence[str] | None = None,
+    cells: int | None = None,
+    shifted: bool = False,
+) -> Figure:
+    """Centres of curvature of the cells' paths, DQN solid and greedy dashed.
+
+    They stand where they were swum, over the concentration, or in a flow over its speed, one panel per
+    policy; with `shifted` all begin at one place.
+    """
+    chosen = chosen_policies(results, policies) if policies else contenders(results)
+    if world.in_flow and not shifted:
+        return _flow_panels(results, world, chosen, cells)
+    height = 0.55 if world.egg is None else 0.47
+    figure = Figure(figsize=(0.5 * WIDTH, height * WIDTH), layout="constrained")
+    axes = figure.add_subplot()
+    _centrelines_panel(axes, results, world, chosen, cells, shifted=shifted)
+    return figure
+
+
+@styled
+def centrelines_and_gains(
+    results: xr.Dataset, world: World, *, policies: Sequence[str] | None = None, cells: int | None = 16
+) -> Figure:
+    """(a) Centrelines of some `cells`, (b) gain of every cell: the paper's figure of a population."""
+    chosen = chosen_policies(results, policies) if policies else contenders(results)
+    figure = Figure(figsize=(WIDTH, 0.5 * WIDTH), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.1, 1.2))
+    _centrelines_panel(left, results, world, chosen, cells, shifted=False)
+    _gains_panel(right, results, chosen)
+    lettered([left, right])
+    return figure
+
+
+def _centreline(results: xr.Dataset, policy: str, cell: int) -> np.ndarray:
+    centre = results["centre"].sel(policy=policy).isel(cell=cell).values
+    return centre[np.isfinite(centre[:, 0])]
+
+
+def _draw_centrelines(
+    axes: Axes, results: xr.Dataset, policy: str, cells: int, *, shifted: bool, width: float = 0.9
+) -> None:
+    style = look(policy)
+    for cell in range(cells):
+        line = _centreline(results, policy, cell)
+        line = line - line[0] if shifted else line
+        axes.plot(*line.T, color=style.colour, linestyle=style.line, linewidth=width, alpha=0.85)
+        if not shifted:
+            axes.plot(*line[0], ".", color=style.colour, markersize=3)
+
+
+def _centrelines_panel(
+    axes: Axes,
+    results: xr.Dataset,
+    world: World,
+    policies: Sequence[str],
+    cells: int | None,
+    *,
+    shifted: bool,
+) -> None:
+    for name in reversed(policies):
+        _draw_centrelines(axes, results, name, count_cells(results, cells), shifted=shifted)
+    linear = isinstance(world.field, LinearField)
+    if not shifted:
+        around_egg(axes, world)
+    frame(axes, square=world.egg is not None, narrowest=0.8)
+    if shifted:
+        axes.plot(0, 0, "o", color=INK, markersize=4, zorder=5)
+    elif not linear:
+        shade_concentration([axes], world)
+    if linear:
+        gradient_arrow(axes)
+    axes.set(xlabel="$x - x_0$" if shifted else "$x$", ylabel="$y - y_0$" if shifted else "$y$")
+    where: dict[str, Any] = {"loc": "best"}
+    if not linear:  # above the shaded field
+        where = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": len(policies)}
+    legend(axes, policies, handlelength=1.8, borderaxespad=0.2, **where)
+
+
+def _flow_panels(results: xr.Dataset, world: World, policies: Sequence[str], cells: int | None) -> Figure:
+    figure = Figure(figsize=(WIDTH, 1.0), layout="constrained")
+    panels = figure.subplots(1, len(policies), sharex=True, sharey=True, squeeze=False)[0]
+    for axes, name in zip(panels, policies, strict=True):
+        _draw_centrelines(axes, results, name, count_cells(results, cells), shifted=False)
+        around_egg(axes, world)
+        axes.set_xlabel("$x$")
+    panels[0].set_ylabel("$y$")
+    for other in panels[1:]:  # the panels share their scales: the first one makes room for all
+        panels[0].update_datalim(other.dataLim.corners())
+    frame(panels[0])
+    for axes in panels:
+        axes.set_aspect("equal", adjustable="box")
+    (left, right), (bottom, top) = panels[0].get_xlim(), panels[0].get_ylim()
+    width = (WIDTH - 1.2) / len(policies)
+    figure.set_size_inches(WIDTH, min(9.0, max(2.6, width * (top - bottom) / (right - left) + 0.8)))
+
+    def flow_speed(position: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(world.flow.velocity(position), axis=-1)
+
+    for axes, name in zip(panels, policies, strict=True):
+        mesh = shade(axes, flow_speed, BRIGHT_IS_FAST, (0.0, None))
+        axes.set_title(look(name).label, loc="left")
+    lettered(panels)
+    figure.colorbar(mesh, ax=list(panels), label="flow speed $|u|$", shrink=0.6, aspect=30, pad=0.015)
+    return figure
+
+
+@styled
+def gains(results: xr.Dataset, *, policies: Sequence[str] | None = None) -> Figure:
+    """Gain of every cell at the end of its life; lines mark the means, and the limit where there is one."""
+    figure = Figure(figsize=(0.62 * WIDTH, 0.42 * WIDTH), layout="constrained")
+    _gains_panel(
+        figure.add_subplot(), results, chosen_policies(results, policies) if policies else contenders(results)
+    )
+    return figure
+
+
+def _gains_panel(axes: Axes, results: xr.Dataset, policies: Sequence[str]) -> None:
+    numbers = statistics(results)
+    cells = results.sizes["cell"]
+    size = 18 if cells <= 100 else 6
+    for name in policies:
+        style, gain = look(name), results["gain"].sel(policy=name).values
+        open_or_full = style.colour if style.line == "-" else "none"
+        axes.scatter(
+            np.arange(1, cells + 1),
+            gain,
+            s=size,
+            marker=style.marker,
+            facecolor=open_or_full,
+            edgecolor=style.colour,
+            linewidth=0.9,
+            zorder=3,
+        )
+        axes.axhline(gain.mean(), color=style.colour, linewidth=1.2)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel="cell", ylabel=r"gain $\Delta c = c(t_\mathrm{life}) - c(0)$", xlim=(0, cells + 1))
+    marks = [
+        (numbers[name]["mean"], f"{look(name).label}\n{_spread(numbers[name])}", look(name).colour)
+        for name in policies
+    ]
+    limit = results.attrs.get("limit")
+    if limit is not None:
+        axes.axhline(limit, color=INK, linewidth=1.2, linestyle=(0, (6, 1.5, 1, 1.5)))
+        marks.append((limit, f"limit\n{limit:.2f}", INK))
+    low, high = axes.get_ylim()
+    axes.set_ylim(low - 0.03 * (high - low), high + 0.05 * (high - low))
+    label_beside(axes, marks)
+
+
+def _spread(numbers: Mapping[str, Any]) -> str:
+    return f"{numbers['mean']:.1f} ± {numbers['std']:.1f}"
+
+
+@styled
+def radial(
+    results: xr.Dataset, world: World, *, policy: str | None = None, cell: int = 0, cells: int = 9
+) -> Figure:
+    """(a) One cell's path to the egg with its centreline, (b) several centrelines, over the concentration."""
+    name = policy or contenders(results)[0]
+    style = look(name)
+    figure = Figure(figsize=(WIDTH, 0.43 * WIDTH), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.plot(*path_of(results, world, name, cell).T, color=style.colour, linewidth=0.6)
+    left.plot(*_centreline(results, name, cell).T, color=INK, linewidth=1.2)
+    left.plot(*results["start_position"].isel(cell=cell).values, "o", color=INK, markersize=3.5, zorder=5)
+    _draw_centrelines(right, results, name, count_cells(results, cells), shifted=False, width=1.1)
+    for axes in (left, right):
+        around_egg(axes, world)
+        frame(axes, square=True)
+        axes.set(xlabel="$x$", ylabel="$y$")
+    shade_concentration([left, right], world)
+    handles = [
+        Line2D([], [], color=style.colour, linewidth=0.8),
+        Line2D([], [], color=INK, linewidth=1.2),
+    ]
+    left.legend(handles, ["path", "centreline"], loc="best")
+    lettered([left, right])
+    return figure
+
+
+class Curve(NamedTuple):
+    """Gains of a validation population during training."""
+
+    epoch: Any  # (epochs,)
+    gain: Any  # (epochs,) or (seeds, epochs)
+    greedy: float | None = None  # the same population's mean gain under greedy
+    limit: float | None = None
+
+
+@styled
+def training(curves: Mapping[str, Curve] | Curve) -> Figure:
+    """Gain against epoch, one panel per curve: the mean over seeds with the band from the worst to the best.
+
+    Greedy and the limit are drawn in.
+    """
+    named = {"": curves} if isinstance(curves, Curve) else dict(curves)
+    width = 0.62 * WIDTH if len(named) == 1 else WIDTH
+    figure = Figure(figsize=(width, 0.38 * WIDTH), layout="constrained")
+    panels = figure.subplots(1, len(named), sharey=True, squeeze=False)[0]
+    for axes, (title, curve) in zip(panels, named.items(), strict=True):
+        _training_panel(axes, curve)
+        axes.set_title(title, loc="left")
+        axes.set_xlabel("epoch")
+    panels[0].set_ylabel(r"gain $\Delta c$")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+    if len(named) > 1:
+        lettered(panels)
+    return figure
+
+
+def _training_panel(axes: Axes, curve: Curve) -> None:
+    epoch, gain = np.asarray(curve.epoch), np.atleast_2d(np.asarray(curve.gain, float))
+    style = look("dqn")
+    if curve.limit is not None:
+        axes.axhline(curve.limit, color=INK, linestyle=look("optimal").line, label="limit")
+    if len(gain) > 1:
+        axes.fill_between(
+            epoch, gain.min(axis=0), gain.max(axis=0), color=style.colour, alpha=0.22, linewidth=0
+        )
+    label = style.label if len(gain) == 1 else f"{style.label}, {len(gain)} seeds"
+    marker = "o" if len(epoch) <= 40 else None
+    axes.plot(epoch, gain.mean(axis=0), color=style.colour, label=label, marker=marker, markersize=2.5)
+    if curve.greedy is not None:
+        axes.axhline(
+            curve.greedy, color=look(RIVAL).colour, linestyle=look(RIVAL).line, label=look(RIVAL).label
+        )
+
+
+@styled
+def noise_sweep(
+    levels: Sequence[float],
+    results: Sequence[xr.Dataset],
+    *,
+    label: str,
+    policies: Sequence[str] | None = None,
+) -> Figure:
+    """Mean gain, with its 95% bootstrap interval, against a perturbation's strength, a test per level."""
+    if len(levels) != len(results) or not len(levels):
+        raise ValueError(f"levels must be one for each of the results, got {len(levels)} and {len(results)}")
+    figure = Figure(figsize=(0.62 * WIDTH, 0.42 * WIDTH), layout="constrained")
+    axes = figure.add_subplot()
+    numbers = [statistics(one) for one in results]
+    for name in chosen_policies(results[0], policies):
+        style, means = look(name), np.array([each[name]["mean"] for each in numbers])
+        band = np.transpose(
+            [each[name]["ci95"] or (mean, mean) for each, mean in zip(numbers, means, strict=True)]
+        )
+        axes.errorbar(
+            levels,
+            means,
+            yerr=np.abs(band - means),
+            capsize=3,
+            color=style.colour,
+            linestyle=style.line,
+            marker=style.marker,
+            markersize=3,
+            label=style.label,
+        )
+        axes.fill_between(levels, *band, color=style.colour, alpha=0.2, linewidth=0)
+    axes.set(xlabel=label, ylabel=r"mean gain $\Delta c$")
+    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+    axes.legend(loc="best")
+    return figure
+
+
+@styled
+def groups(rows: Sequence[tuple[Mapping[str, Any], np.ndarray]]) -> Figure:
+    """Mean gains of groups of runs: every seed (seeds,), the mean with its interval, greedy and the limit.
+
+    A row holds `runs`, `mean`, `low`, `high`, `greedy` and `limit`; None where there is no number.
+    """
+    figure = Figure(figsize=(WIDTH, 0.7 + 0.42 * len(rows)), layout="constrained")
+    axes = figure.subplots()
+    style, rival = look("dqn"), look(RIVAL)
+    for place, (row, seeds) in enumerate(rows):
+        axes.plot(seeds, np.full(len(seeds), place), "o", color=style.colour, alpha=0.35, markersize=4)
+        if row["low"] is not None:
+            axes.plot([row["low"], row["high"]], [place, place], color=style.colour, linewidth=2.4)
+        axes.plot(
+            row["mean"], place, "D", color=style.colour, markersize=5, label="mean, 95% interval, seeds"
+        )
+        axes.plot(row["greedy"], place, rival.marker, color=rival.colour, markersize=5, label=rival.label)
+        if row["limit"] is not None:
+            axes.plot([row["limit"]] * 2, [place - 0.3, place + 0.3], color=INK, label="limit")
+    axes.set_yticks(range(len(rows)), [str(row["runs"]) for row, _ in rows])
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xlabel(r"mean gain $\Delta c$")
+    handles, labels = axes.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    figure.legend(list(unique.values()), list(unique), loc="outside upper right", ncols=len(unique))
+    return figure

@@ -1,0 +1,238 @@
+"""What all figures share: one style, how each policy looks, and parts of panels.
+
+The style can be told apart without colours. Nothing here touches pyplot or its global state.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+
+from swarm._support import files
+from swarm.physics.world import World
+from swarm.population.results import RIVAL
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+WIDTH = 7.0  # of a page [inch]
+TALL = 1.45  # height per width of a panel with paths
+ENLARGED = 0.42  # width of an enlarged part, of its axes
+INK = "#222222"
+RC: Any = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.labelsize": 9,
+    "legend.fontsize": 8.5,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.linewidth": 0.7,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "mathtext.fontset": "dejavusans",
+    "figure.dpi": 100,
+    "savefig.dpi": 200,
+    "svg.hashsalt": "chemoswarm",
+}
+
+
+class Look(NamedTuple):
+    """How a policy is drawn everywhere."""
+
+    label: str
+    colour: str
+    line: Any
+    marker: str
+
+
+# Okabe and Ito's colours, which colour-blind readers can tell apart; lines and markers differ as well.
+LOOKS = {
+    "dqn": Look("DQN", "#0072B2", "-", "o"),
+    "greedy": Look("greedy", "#D55E00", (0, (4, 1.5)), "s"),
+    "swinging": Look("swinging", "#009E73", (0, (1, 1)), "^"),
+    "random": Look("random", "#777777", (0, (1, 2)), "d"),
+    "optimal": Look("optimal", "#222222", (0, (6, 1.5, 1, 1.5)), "D"),
+    "aware": Look("aware DQN", "#0072B2", "-", "o"),
+    "blind": Look("blind DQN", "#CC79A7", (0, (5, 1, 1, 1)), "v"),
+    "still": Look("still-water DQN", "#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P"),
+}
+SPARE = ("#56B4E9", "#CC79A7", "#E69F00", "#999999")
+DARK_IS_HIGH = LinearSegmentedColormap.from_list("dark is high", ["#ffffff", "#8f9aa5"])
+BRIGHT_IS_FAST = LinearSegmentedColormap.from_list("bright is fast", ["#8f9aa5", "#ffffff"])
+
+P = ParamSpec("P")
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    @functools.wraps(draw)
+    def styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with matplotlib.rc_context(RC):
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+def save(figure: Figure, path: str | os.PathLike) -> None:
+    """Writes a figure (.png, .pdf or .svg) whole or not at all; the same figure gives the same bytes."""
+    kind = Path(path).suffix.removeprefix(".").lower()
+    undated = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    if kind not in undated:
+        raise ValueError(f"figures must be saved as .png, .pdf or .svg, got {str(path)!r}")
+    buffer = io.BytesIO()
+    with matplotlib.rc_context(RC):
+        figure.savefig(buffer, format=kind, metadata=undated[kind], bbox_inches="tight", pad_inches=0.06)
+    files.write_bytes(path, buffer.getvalue())
+
+
+def look(policy: str) -> Look:
+    """How `policy` is drawn; names that are not known get a colour of their own."""
+    if policy in LOOKS:
+        return LOOKS[policy]
+    spare = sum(policy.encode()) % len(SPARE)
+    return Look(policy, SPARE[spare], "-", "dXp*"[spare])
+
+
+def chosen_policies(results: xr.Dataset, policies: Sequence[str] | None) -> list[str]:
+    known = [str(name) for name in results["policy"].values]
+    if policies is None:
+        return known
+    missing = [name for name in policies if name not in known]
+    if missing:
+        raise ValueError(f"policies must be among {', '.join(known)}, got {missing[0]!r}")
+    return list(policies)
+
+
+def contenders(results: xr.Dataset) -> list[str]:
+    """The first policy and greedy."""
+    known = chosen_policies(results, None)
+    return [known[0], RIVAL] if known[0] != RIVAL else [RIVAL]
+
+
+def count_cells(results: xr.Dataset, cells: int | None) -> int:
+    return results.sizes["cell"] if cells is None else min(cells, results.sizes["cell"])
+
+
+def frame(axes: Axes, *, square: bool = False, narrowest: float = 0.45) -> None:
+    """Equal scales, with a small margin around what is drawn; `narrowest` is the least width per height."""
+    axes.set_aspect("equal", adjustable="box")
+    (left, right), (bottom, top) = axes.dataLim.intervalx, axes.dataLim.intervaly
+    margin = 0.04 * max(right - left, top - bottom)
+    width, height = right - left + 2 * margin, top - bottom + 2 * margin
+    width = max(width, height if square else narrowest * height)
+    height = max(height, width if square else narrowest * width)
+    x, y = (left + right) / 2, (bottom + top) / 2
+    axes.set(xlim=(x - width / 2, x + width / 2), ylim=(y - height / 2, y + height / 2))
+
+
+def shade(
+    axes: Axes,
+    quantity: Callable[[np.ndarray], np.ndarray],
+    colours: Any,
+    span: tuple[float | None, float | None] = (None, None),
+) -> Any:
+    """Fills the axes, as wide as they are now, with a quantity of the place."""
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    step = max(right - left, top - bottom) / 300
+    x, y = np.arange(left, right + step, step), np.arange(bottom, top + step, step)
+    grid = np.stack(np.meshgrid(x, y), axis=-1)
+    edges = (x[0] - step / 2, x[-1] + step / 2, y[0] - step / 2, y[-1] + step / 2)
+    image = axes.imshow(
+        quantity(grid),
+        cmap=colours,
+        norm=Normalize(*span),
+        extent=edges,
+        origin="lower",
+        interpolation="bilinear",
+        zorder=-1,
+    )
+    axes.set(xlim=(left, right), ylim=(bottom, top))
+    axes.spines[:].set_visible(True)
+    return image
+
+
+def around_egg(axes: Axes, world: World) -> None:
+    """The egg, and room for it within the axes."""
+    if world.egg is not None:
+        (x, y), radius = world.egg
+        axes.add_patch(Circle((x, y), radius, facecolor="#E69F00", edgecolor=INK, linewidth=0.8, zorder=4))
+        axes.update_datalim([(x - radius, y - radius), (x + radius, y + radius)])
+
+
+def shade_concentration(panels: Sequence[Axes], world: World) -> None:
+    """Shades the panels, all on one scale, by the concentration."""
+    images = [shade(axes, world.field.concentration, DARK_IS_HIGH) for axes in panels]
+    span = min(image.norm.vmin for image in images), max(image.norm.vmax for image in images)
+    for image in images:
+        image.norm.vmin, image.norm.vmax = span
+    bar = panels[0].figure.colorbar(
+        images[0], ax=list(panels), label="concentration $c$", shrink=0.75, aspect=26, pad=0.02
+    )
+    bar.outline.set_linewidth(0.7)
+
+
+def gradient_arrow(axes: Axes) -> None:
+    axes.annotate(
+        r"$\nabla c$",
+        xy=(0.08, 0.99),
+        xytext=(0.08, 0.83),
+        xycoords="axes fraction",
+        ha="center",
+        va="top",
+        arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 1.0, "shrinkB": 0},
+    )
+
+
+def lettered(axes: Sequence[Axes]) -> None:
+    for letter, one in zip("abcdefgh", axes, strict=False):
+        one.set_title(f"({letter})  {one.get_title(loc='left')}".rstrip(), loc="left")
+
+
+def legend(axes: Axes, policies: Sequence[str], **kwargs: Any) -> None:
+    handles = [Line2D([], [], color=look(name).colour, linestyle=look(name).line) for name in policies]
+    axes.legend(handles, [look(name).label for name in policies], **kwargs)
+
+
+def label_beside(axes: Axes, marks: Sequence[tuple[float, str, str]]) -> None:
+    """Labels right of the axes at given heights, moved apart where they would overlap."""
+    low, high = axes.get_ylim()
+    lines = 1 + max(text.count("\n") for _, text, _ in marks)
+    height = (0.01 + 0.06 * lines) * (high - low)
+    marks = sorted(marks)
+    transform = axes.get_yaxis_transform()
+    for (value, text, colour), at in zip(marks, _apart([mark[0] for mark in marks], height), strict=True):
+        axes.plot([1.0, 1.035], [value, at], transform=transform, color=colour, linewidth=0.7, clip_on=False)
+        axes.text(1.05, at, text, transform=transform, va="center", color=colour, fontsize=8)
+
+
+def _apart(values: Sequence[float], distance: float) -> list[float]:
+    """Rising values moved as little as possible so that neighbours are `distance` apart."""
+    groups: list[list[float]] = []  # mean of the shifted values, how many
+    for i, value in enumerate(values):
+        groups.append([value - i * distance, 1])
+        while len(groups) > 1 and groups[-2][0] > groups[-1][0]:
+            mean, count = groups.pop()
+            groups[-1][0] = (groups[-1][0] * groups[-1][1] + mean * count) / (groups[-1][1] + count)
+            groups[-1][1] += count
+    shifted = [mean for mean, count in groups for _ in range(int(count))]
+    return [value + i * distance for i, value in enumerate(shifted)]

@@ -1,0 +1,134 @@
+"""Watching a swarm: the field or the flow, the swimmers with their trails, the egg, time and gain."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from swarm.figures import picture, scene
+from swarm.figures.panel import write_panel
+from swarm.figures.scene import SIZE, TRAIL, Camera, Glance, Segment
+from swarm.figures.window import Window
+from swarm.physics.world import State, World
+
+PANEL = 240  # width of the panel beside the square that shows the world [pixels]
+SMALLEST_VIEW = 9.0  # [length]
+EASE = 0.12  # share of the way to where it should be that the camera goes with each decision
+FRAMES = 4  # pictures of a decision in a window
+
+
+class Viewer:
+    """Draws the swarm as it goes; `follow` every state in turn, then take a `picture`.
+
+    The camera follows the cells that are alive. Colours run over all that has been in view, so a swarm that
+    climbs comes to brighter places. With `window=True` every state that is followed is shown, at `fps`
+    pictures per second (needs pygame).
+    """
+
+    def __init__(self, world: World, *, window: bool = False, fps: int = 15) -> None:
+        self.world = world
+        self.window = Window(SIZE + PANEL, SIZE, fps) if window else None
+        self._forget()
+
+    def _forget(self) -> None:
+        self.glance: Glance | None = None
+        self.trail: deque[Segment] = deque(maxlen=TRAIL)
+        self.curve: list[tuple[float, float, float, float]] = []  # time; mean, least and largest gain
+        self.camera: Camera | None = None
+        self.seen: tuple[float, float] | None = None  # values over which the colours run
+
+    def follow(self, state: State) -> None:
+        """Take in the next state; cells that began a new life leave their trail behind."""
+        glance, before = self._look(state), self.glance
+        if before is not None:
+            moved = glance.time > before.time
+            begun = ~moved & (glance.position != before.position)
+            if begun.all():
+                self._forget()
+            else:
+                self._lengthen(before, glance, moved, begun)
+        self.glance = glance
+        gain = glance.gain
+        self.curve.append(
+            (float(glance.time.max()), float(gain.mean()), float(gain.min()), float(gain.max()))
+        )
+        self.camera = self._aim(glance)
+        if self.window is not None:
+            frames = FRAMES if self.trail else 1
+            for i in range(frames):
+                self.window.show(self.picture((i + 1) / frames))
+
+    def render(self, state: State) -> np.ndarray | None:
+        """The picture of the latest state, of `state` if there is none yet; None where a window shows it."""
+        if self.glance is None:
+            self.follow(state)
+        if self.window is None:
+            return self.picture()
+        self.window.show(self.picture())
+        return None
+
+    def picture(self, share: float = 1.0) -> np.ndarray:
+        """The picture (720, 960, 3) uint8 at a `share` of the latest decision, 1 being its end."""
+        if self.glance is None or self.camera is None:
+            raise RuntimeError("follow must be given a state first")
+        world, camera = self.world, self.camera
+        image = np.empty((3, SIZE, SIZE + PANEL), np.float32)
+        image[:] = np.reshape(picture.PAPER, (3, 1, 1))
+        square = image[..., :SIZE]
+        self.seen = scene.paint_water(square, world, camera, self.seen)
+        if world.in_flow:
+            scene.paint_streaks(square, world, camera, self.seen[1])
+        if world.egg is not None:
+            scene.paint_egg(square, world.egg, camera)
+        scene.paint_swimmers(square, self.glance, self.trail, camera, share)
+        scene.write_scale(square, camera)
+        shown = "flow speed" if world.in_flow else "concentration"
+        panel = image[..., SIZE:]
+        write_panel(panel, self.curve, self.glance.finished, shown, self.seen, scene.colours(world))
+        rounded = (255 * np.clip(image, 0, 1) + 0.5).astype(np.uint8)
+        return np.ascontiguousarray(np.moveaxis(rounded, 0, -1))
+
+    def close(self) -> None:
+        """Close the window."""
+        if self.window is not None:
+            self.window.close()
+
+    def _look(self, state: State) -> Glance:
+        world = self.world
+        position = np.asarray(state.position, float)
+        gain = world.field.concentration(state.position) - state.start_concentration
+        return Glance(
+            position[..., 0] + 1j * position[..., 1],
+            np.asarray(world.heading_angle(state), float),
+            np.asarray(world.curvature(state), float),
+            np.asarray(world.time(state), float),
+            np.asarray(gain, float),
+            np.asarray(state.finished),
+        )
+
+    def _lengthen(self, before: Glance, now: Glance, moved: np.ndarray, begun: np.ndarray) -> None:
+        """Add what was swum between two glances to the trails."""
+        speed = np.interp(now.curvature, self.world.curvatures, self.world.action_speeds)
+        swum = np.where(moved, speed * (now.time - before.time), 0.0)
+        turn = now.curvature * swum  # but for what flow and noise did to it
+        excess = np.angle(np.exp(1j * (now.angle - before.angle - turn)))
+        for i, segment in enumerate(self.trail):
+            self.trail[i] = segment._replace(seen=segment.seen & ~begun)
+        self.trail.append(
+            Segment(before.position, now.position - before.position, turn + excess, swum, moved)
+        )
+
+    def _aim(self, glance: Glance) -> Camera:
+        """Move the camera towards the cells that are alive, at once where it has not been."""
+        places = glance.position if glance.finished.all() else glance.position[~glance.finished]
+        x, y = places.real, places.imag
+        centre = (float(x.min() + x.max()) / 2, float(y.min() + y.max()) / 2)
+        width = max(1.12 * float(max(np.ptp(x), np.ptp(y))) + 1.0, SMALLEST_VIEW)
+        if self.camera is None:
+            return Camera(*centre, width)
+        left, low, now = (
+            old + EASE * (new - old) for old, new in zip(self.camera, (*centre, width), strict=True)
+        )
+        needed = 2 * float(max(np.abs(x - left).max(), np.abs(y - low).max())) + 1.0
+        return Camera(left, low, max(now, needed))

@@ -1,0 +1,132 @@
+"""Watching a policy: a window, a film, or a page to play with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarm._support import files
+from swarm._support.streams import generator
+from swarm.figures.film import FORMS, check_encoder, check_size, write_film
+from swarm.figures.viewer import Viewer
+from swarm.physics.starts import NOISE_BLOCK, draw_noise, draw_starts
+from swarm.physics.world import State, World
+from swarm.population.contest import population_test
+from swarm.population.evaluation import LEARNT, STRATEGIES, named_policy
+
+PAGE = ".html"
+WINDOW_FPS = 24  # pictures per second in a window
+POPULATION = ".nc"
+
+
+def check_target(out: Path | None, size: int | None = None) -> None:
+    """Raises ValueError or an OSError unless a film or a page can be written there, in this size."""
+    suffix = "" if out is None else out.suffix.lower()
+    if size is not None and suffix not in FORMS:
+        raise ValueError(f"size must come with a film, --out FILE with {', '.join(FORMS)}, got {size}")
+    if out is None:
+        return
+    if suffix not in (*FORMS, PAGE):
+        raise ValueError(f"out must end in {', '.join((*FORMS, PAGE))}, got {out}")
+    if suffix in FORMS:
+        check_size(size, suffix)
+        check_encoder(suffix)
+    if out.exists():
+        raise FileExistsError(f"{out} must be a new file: what is there is never overwritten")
+    if not out.parent.is_dir():
+        raise FileNotFoundError(f"the folder of {out} must be there")
+
+
+def states(world: World, policy: Any, cells: int, seed: int) -> Iterator[State]:
+    """One population's life, decision by decision, with the random numbers of `population_test`."""
+    state = world.start(*draw_starts(world, cells, seed))
+    yield state
+    for decision in range(world.max_decisions):
+        block, place = divmod(decision, NOISE_BLOCK)
+        if place == 0:
+            uniform = generator("test", "policy", seed, 0, block).random((cells, NOISE_BLOCK))
+            noise = draw_noise(seed, cells, NOISE_BLOCK, block=block) if world.has_noise else None
+        action = policy.act(world, state, uniform[:, place])
+        state, _ = world.step(state, action, None if noise is None else noise[:, place])
+        yield state
+        if state.finished.all():
+            return
+
+
+def watch(
+    policy: str,
+    world: World,
+    *,
+    cells: int = 40,
+    seed: int = 0,
+    out: Path | None = None,
+    size: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Show a policy in a window, or write a film (.mp4, .gif) or a page (.html), whole or not at all.
+
+    `size` is the height of a film in pixels. `progress` is called with the decisions that are done and the
+    most there can be. Raises PolicyError for a policy that cannot be had, OSError where there is no display
+    for a window.
+    """
+    check_target(out, size)
+    player = named_policy(policy, world)
+    suffix = "" if out is None else out.suffix.lower()
+    if out is not None and suffix == PAGE:
+        from swarm.figures.page import save_page
+
+        label = policy if policy in STRATEGIES else LEARNT
+        quick = not world.in_flow  # the limit in a flow takes a minute or more
+        lives = population_test(world, {label: player}, cells=cells, life=world.life, seed=seed, limit=quick)
+        save_page(lives, out, title=policy)
+        return
+    viewer = Viewer(world, window=out is None, fps=WINDOW_FPS)
+    followed = _followed(viewer, world, player, cells, seed, FORMS[suffix].frames if out else 1, progress)
+    try:
+        if out is None:
+            if viewer.window is None or not viewer.window.visible:
+                raise OSError(
+                    "a window needs a display, and there is none: --out FILE makes a film or a page"
+                )
+            for _ in followed:
+                pass
+        else:
+            with files.replacing(out) as temporary:
+                write_film(temporary, suffix, followed, check_size(size, suffix))
+    finally:
+        viewer.close()
+
+
+def save_page_of(population: Path, out: Path | None, *, cells: int | None = None) -> None:
+    """Write the page of a population test that was stored, whole or not at all.
+
+    Raises ResultsError for a file that holds none, ValueError for an `out` that is no page.
+    """
+    from swarm.figures.page import save_page
+    from swarm.population.results import load_population
+
+    if out is None or out.suffix.lower() != PAGE:
+        raise ValueError(f"a stored population is watched on a page: out must end in {PAGE}, got {out}")
+    check_target(out)
+    save_page(load_population(population), out, title="/".join(population.parts[-2:]), cells=cells)
+
+
+def _followed(
+    viewer: Viewer,
+    world: World,
+    policy: Any,
+    cells: int,
+    seed: int,
+    frames: int,
+    progress: Callable[[int, int], None] | None,
+) -> Iterator[np.ndarray]:
+    """Pictures of the life, `frames` for each decision."""
+    for done, state in enumerate(states(world, policy, cells, seed)):
+        viewer.follow(state)
+        if viewer.window is None:
+            yield from (viewer.picture((i + 1) / frames) for i in range(frames if done else 1))
+        if progress is not None:
+            progress(done, world.max_decisions)

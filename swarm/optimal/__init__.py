@@ -1,0 +1,1 @@
+"""What is possible: the physical limit of the gain, and the policy that attains it."""

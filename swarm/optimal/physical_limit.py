@@ -1,0 +1,165 @@
+"""The physical limit of chemotaxis: the largest gain that full knowledge of the pose allows, as a bound and
+as a policy.
+
+No cell can gain more on average than the limit, so every gain is quoted against it. It exists for the
+linear field without perturbations, in still water and in the Taylor–Green flow, with intervals that share a
+tick; elsewhere it is None. The gain is Δc = c(t_life) − c(0), in concentration.
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from swarm._support.arrays import as_array, namespace
+from swarm.optimal import still as optimal_still
+from swarm.optimal import store as optimal_files
+from swarm.optimal.problem import Problem, problem_of, why_no_limit
+from swarm.optimal.tables import GRIDS, POLICY_GRID, VortexLimit, VortexTables
+from swarm.physics.flows import TaylorGreen
+from swarm.physics.motion.swimmer import Pose, swim
+
+if TYPE_CHECKING:
+    from swarm.physics.starts import Starts
+    from swarm.physics.world import State, World
+
+Array = Any
+
+
+class LimitDetails(NamedTuple):
+    """The limit for some starts, with what it was found from."""
+
+    value: float  # mean of the largest gains over the starts, extrapolated over the grids [concentration]
+    error: float  # about how far off that may be [concentration]
+    by_grid: dict[str, float]  # the mean on each grid, the finest last [concentration]
+
+
+def limit(world: World, starts: Starts) -> float | None:
+    """The largest mean gain of cells with these starts [concentration], or None where there is no limit.
+
+    In the Taylor–Green flow it is computed once, in a minute or two, and kept on the disk; for the paper's
+    flow it is shipped.
+    """
+    details = limit_details(world, starts)
+    return None if details is None else details.value
+
+
+def limit_details(world: World, starts: Starts) -> LimitDetails | None:
+    """The limit for these starts with its error and the values on each grid, or None where there is none."""
+    by_grid = _bounds(world, starts)
+    if by_grid is None:
+        return None
+    means = {name: float(values.mean()) for name, values in by_grid.items()}
+    return LimitDetails(*extrapolated(list(means.values())), means)
+
+
+def bound(world: World, starts: Starts) -> np.ndarray | None:
+    """The largest gain (cells,) of a life from each start [concentration], or None where there is none."""
+    by_grid = _bounds(world, starts)
+    return None if by_grid is None else list(by_grid.values())[-1]
+
+
+def extrapolated(values: list[float]) -> tuple[float, float]:
+    """The value that ever finer grids tend to, and about its error.
+
+    Where the last three approach it like a geometric series, that series is summed; otherwise the grids
+    differ by no more than chance and the finest one's value is taken. The error is the larger of the last
+    two steps, or what summing the series adds.
+    """
+    before, last = np.diff(values[-3:])
+    error = max(abs(before), abs(last))
+    ratio = last / before if before != 0 else 0.0
+    if not 0.0 < ratio < 0.7:
+        return values[-1], float(error)
+    added = last * ratio / (1 - ratio)
+    return float(values[-1] + added), float(max(abs(added), abs(last)))
+
+
+class Optimal:
+    """Takes the action that is best with full knowledge of the pose and the time left (dynamic programming).
+
+    Raises ValueError for a world without a limit.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._problem, self._tables = _policy(world)
+
+    def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
+        """Actions (..., cells). A world other than the one it was made for is solved when it comes."""
+        if world is not self._world:
+            self._world = world
+            self._problem, self._tables = _policy(world)
+        problem, cells = self._problem, tuple(state.clock.shape)
+        pose = Pose(*(_numpy(part).reshape(-1, 2) for part in state.pose))
+        left = problem.life_ticks - _numpy(state.clock).reshape(-1).astype(np.int64)
+        scores = [_score(problem, self._tables, pose, left, action) for action in range(len(problem.ticks))]
+        action = np.argmax(scores, axis=0).reshape(cells)
+        return as_array(action, state.clock, dtype=namespace(state.clock).int32)
+
+
+def _score(problem: Problem, tables: Any, pose: Pose, left: np.ndarray, action: int) -> np.ndarray:
+    """What a life (cells,) can still gain when it goes on with `action` [length]."""
+    same = np.ones(left.shape)
+    duration = problem.duration(action, left)
+    end = swim(pose, problem.curvatures[action] * same, problem.speeds[action] * same, duration, problem.flow)
+    rise = end.position[..., 1] - pose.position[..., 1]
+    return rise + tables.ahead(end, problem.after(action, left))
+
+
+def _numpy(array: Array) -> np.ndarray:
+    if hasattr(array, "detach"):  # torch: off its device
+        array = array.detach().cpu().numpy()
+    array = np.asarray(array)
+    return array.astype(np.float64) if array.dtype.kind == "f" else array
+
+
+_still = lru_cache(maxsize=8)(optimal_still.solve)
+
+
+def _policy(world: World) -> tuple[Problem, Any]:
+    problem = problem_of(world)
+    if problem is None:
+        raise ValueError(f"Optimal needs {why_no_limit(world)}")
+    if problem.flow is None:
+        return problem, _still(problem)
+    return problem, optimal_files.tables(VortexTables, problem, (POLICY_GRID,))
+
+
+def _bounds(world: World, starts: Starts) -> dict[str, np.ndarray] | None:
+    """The largest gain (cells,) from each start [concentration], by each grid, the finest last."""
+    problem = problem_of(world)
+    if problem is None:
+        return None
+    heading = np.asarray(starts.heading, np.float64).reshape(-1)
+    position = np.asarray(starts.position, np.float64).reshape(-1, 2)
+    pose = Pose(position, np.stack([np.cos(heading), np.sin(heading)], axis=-1))
+    tables = _still(problem) if problem.flow is None else optimal_files.tables(VortexLimit, problem, GRIDS)
+    return {name: world.field.gradient_scale * values for name, values in tables.bounds(pose).items()}
+
+
+def ship(folder: Path = optimal_files.SHIPPED) -> list[Path]:
+    """Computes what is shipped, the tables for the paper's Taylor–Green flow, and writes them to `folder`."""
+    from swarm.physics.world import World
+
+    problem = problem_of(World(flow=TaylorGreen(), life=400.0))
+    assert problem is not None
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for kind, grids in ((VortexLimit, GRIDS), (VortexTables, (POLICY_GRID,))):
+        key = optimal_files.key_of(kind, problem, grids)
+        path = folder / optimal_files.file_name(key)
+        with optimal_files.shown_progress(f"Optimal {key['kind']} in the Taylor–Green flow") as progress:
+            tensors = kind.compute(problem, grids, progress).tensors
+        optimal_files.write(path, key, tensors)
+        written.append(path)
+    return written
+
+
+if __name__ == "__main__":
+    for path in ship(*map(Path, sys.argv[1:])):
+        print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")

@@ -1,0 +1,121 @@
+"""What decides the best life: the part of a world that the physical limit depends on.
+
+With full knowledge of the pose the best policy in a linear field follows by dynamic programming: backward
+from the end of life, the largest gain still to come is found for every pose and time left. That works where
+a decision leads to one known pose, in still water and in the Taylor–Green flow, and where all intervals are
+whole numbers of one tick.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from swarm.physics.fields import LinearField
+from swarm.physics.flows import StillWater, TaylorGreen
+
+if TYPE_CHECKING:
+    from swarm.physics.motion.swimmer import Pose
+    from swarm.physics.world import World
+
+CUBIC = np.arange(-1, 3)  # the neighbours that a cubic reading goes through
+MAX_TIMES = 100_000  # times left that are worth a table each
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The swimmer, its clock and the flow, in a linear field of unit gradient along y."""
+
+    curvatures: tuple[float, ...]  # κ₁ … κ_m [1 / length]
+    speeds: tuple[float, ...]  # with each action [length / time]
+    ticks: tuple[int, ...]  # of a whole interval, with each action
+    tick: float  # [time]
+    life: float  # [time]
+    flow: TaylorGreen | None  # None: still water
+
+    @cached_property
+    def life_ticks(self) -> int:
+        """Ticks of a life; the last one may be cut short."""
+        return self.ticks_in(self.life)
+
+    def ticks_in(self, life: float) -> int:
+        """Ticks of a life, as the world counts them."""
+        return max(1, int(np.ceil(life / self.tick - 1e-9)))
+
+    def duration(self, action: int, left: np.ndarray | int) -> np.ndarray:
+        """Length (...) of the next interval with `left` (...) ticks to live: the last is cut short [time]."""
+        whole = self.ticks[action]
+        missing = self.life_ticks * self.tick - self.life  # of the last tick
+        return np.where(
+            np.asarray(left) > whole, whole * self.tick, np.maximum(left * self.tick - missing, 0.0)
+        )
+
+    def after(self, action: int, left: np.ndarray | int) -> np.ndarray:
+        """Ticks left (...) after that interval."""
+        return np.maximum(np.asarray(left) - self.ticks[action], 0)
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Ticks left (times,) that can occur at a decision or at the end, rising from 0 to the whole life."""
+        occurs = np.zeros(self.life_ticks + 1, bool)
+        occurs[-1] = True
+        if len(set(self.ticks)) == 1:
+            occurs[:: -self.ticks[0]] = True
+        else:
+            for left in range(self.life_ticks, 0, -1):
+                if occurs[left]:
+                    occurs[[max(left - whole, 0) for whole in self.ticks]] = True
+        occurs[0] = True
+        return np.flatnonzero(occurs)
+
+    def row(self, left: np.ndarray) -> np.ndarray:
+        """Where `left` (...) ticks stand among `times`."""
+        return np.minimum(np.searchsorted(self.times, left), len(self.times) - 1)
+
+
+def heading_angle(pose: Pose) -> np.ndarray:
+    """Heading θ (...) in (−π, π] [rad]."""
+    return np.arctan2(pose.heading[..., 1], pose.heading[..., 0])
+
+
+def lagrange(offset: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Weights (nodes, ...) of the values at whole-numbered `nodes` in a polynomial read at `offset` (...)."""
+    weights = np.ones((len(nodes), *offset.shape))
+    for i, node in enumerate(nodes):
+        for other in nodes:
+            if other != node:
+                weights[i] *= (offset - other) / (node - other)
+    return weights
+
+
+def why_no_limit(world: World) -> str | None:
+    """What keeps the limit of a world from being computed, or None where nothing does."""
+    if type(world.field) is not LinearField:
+        return f"a linear field, got {world.field!r}"
+    if type(world.flow) not in (StillWater, TaylorGreen):
+        return f"still water or the Taylor–Green flow, got {world.flow!r}"
+    if world.has_noise:
+        return "no perturbations, got noise"
+    if not world.has_common_tick:
+        return "intervals that share a tick, got interval_rule = 'exact' with varying speed"
+    decisions = world.life_ticks / (min(world.interval_ticks) if len(set(world.interval_ticks)) == 1 else 1)
+    if decisions > MAX_TIMES:
+        return f"a life of at most {MAX_TIMES} times to decide at, got {decisions:.0f}"
+    return None
+
+
+def problem_of(world: World) -> Problem | None:
+    """The problem a world poses, or None where there is no limit."""
+    if why_no_limit(world) is not None:
+        return None
+    return Problem(
+        curvatures=world.curvatures,
+        speeds=world.action_speeds,
+        ticks=world.interval_ticks,
+        tick=world.tick,
+        life=world.life,
+        flow=world.flow if isinstance(world.flow, TaylorGreen) else None,
+    )

@@ -1,0 +1,1 @@
+"""What happens: fields, flows, motion, perception and the world that joins them."""

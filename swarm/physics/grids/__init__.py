@@ -1,0 +1,1 @@
+"""Fields and flows from data on a regular grid."""

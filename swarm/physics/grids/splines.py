@@ -1,0 +1,239 @@
+"""Tensor-product splines through values on a regular grid, on any array library.
+
+Linear splines are exact to second order in the spacing. Cubic ones are B-splines: twice continuously
+differentiable, exact to fourth order, their derivatives to third. What they need is computed once, in float64
+NumPy.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from swarm._support.arrays import as_array, namespace
+
+Array = Any
+
+DEGREES = {"linear": 1, "cubic": 3}
+MIN_POINTS = {"linear": 2, "cubic": 4}
+_BLOCK = 64  # lines of cells
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Where the grid points are, and what lies beyond them."""
+
+    origin: tuple[float, float]  # the first point [length]
+    spacing: tuple[float, float]  # [length]
+    shape: tuple[int, int]  # points along x and y
+    periodic: bool  # the grid repeats, one spacing after its last point; else it ends there
+
+    @property
+    def box(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """((x_low, x_high), (y_low, y_high)) of the domain: one period, or from edge to edge [length]."""
+        cells = self.shape if self.periodic else (self.shape[0] - 1, self.shape[1] - 1)
+        (x, y), (dx, dy) = self.origin, self.spacing
+        return (x, x + cells[0] * dx), (y, y + cells[1] * dy)
+
+
+class Spline:
+    """Several quantities on one lattice, interpolated together.
+
+    Beyond the edges of a lattice that is not periodic each quantity goes on with its value at the edge.
+    """
+
+    def __init__(self, values: np.ndarray, lattice: Lattice, interpolation: str) -> None:
+        """`values` (quantities, nx, ny) at the lattice's points."""
+        self.lattice = lattice
+        self.degree = DEGREES[interpolation]
+        self.coefficients = self._coefficients(np.asarray(values, np.float64))  # (quantities, rows, columns)
+        self._tables: dict[Any, tuple[Array, Array]] = {}
+
+    def _coefficients(self, values: np.ndarray) -> np.ndarray:
+        """Control values, with those beyond the edges that the basis functions reach."""
+        before, after = (0, 1) if self.degree == 1 else (1, 2)
+        if self.lattice.periodic:
+            if self.degree == 3:
+                values = _periodic_control(_periodic_control(values, 1), 2)
+            return np.pad(values, [(0, 0), (before, after), (before, after)], mode="wrap")
+        return values if self.degree == 1 else _clamped_control(_clamped_control(values, 1), 2)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_tables": {}}
+
+    # --- evaluation
+    # ------------------------------------------------------------------------------------------
+
+    def __call__(self, x: Array, y: Array) -> tuple[Array, ...]:
+        """Each quantity (...) at the places (x, y)."""
+        patch, along_x, along_y, _, _ = self._patches(x, y)
+        values = _weighted(_weighted(patch, along_y, 2), along_x, 1)
+        return tuple(values[i, ...] for i in range(values.shape[0]))
+
+    def with_slopes(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """Quantities (quantities, ...) and their derivatives along x and along y at the places (x, y)."""
+        patch, along_x, along_y, in_x, in_y = self._patches(x, y)
+        rows = _weighted(patch, along_y, 2)
+        slope_x = _weighted(rows, self._slopes(in_x, 0), 1)
+        slope_y = _weighted(_weighted(patch, self._slopes(in_y, 1), 2), along_x, 1)
+        return _weighted(rows, along_x, 1), slope_x, slope_y
+
+    def _patches(self, x: Array, y: Array) -> tuple[Array, list[Array], list[Array], Array, Array]:
+        """Control values (quantities, n, n, ...) around each place, their weights, and the place in its
+        cell."""
+        xp = namespace(x)
+        table, offsets = self._on(x)
+        row, in_x = self._cell(x, 0)
+        column, in_y = self._cell(y, 1)
+        n = self.degree + 1
+        corner = row * self.coefficients.shape[2] + column
+        index = corner[None, ...] + xp.reshape(offsets, (n * n, *(1,) * x.ndim))
+        patch = xp.take(table, xp.reshape(index, (-1,)), axis=1)
+        patch = xp.reshape(patch, (table.shape[0], n, n, *x.shape))
+        return patch, self._weights(in_x), self._weights(in_y), in_x, in_y
+
+    def _on(self, like: Array) -> tuple[Array, Array]:
+        """Flat control values and the places of a patch in them, in the library and dtype of `like`."""
+        key = (type(like).__module__, like.dtype, str(getattr(like, "device", None)))
+        cached = self._tables.get(key)
+        if cached is None:
+            flat = self.coefficients.reshape(len(self.coefficients), -1)
+            steps = np.arange(self.degree + 1)
+            offsets = (steps[:, None] * self.coefficients.shape[2] + steps).ravel()
+            cached = as_array(flat, like), as_array(offsets, like, dtype=namespace(like).int32)
+            if key[0] in ("numpy", "torch"):  # a jax tracer must not outlive its trace
+                self._tables[key] = cached
+        return cached
+
+    def _cell(self, place: Array, axis: int) -> tuple[Array, Array]:
+        """Number of the grid cell that a coordinate lies in, and where in it, from 0 to 1."""
+        xp = namespace(place)
+        points = self.lattice.shape[axis]
+        steps = (place - self.lattice.origin[axis]) * (1 / self.lattice.spacing[axis])
+        if self.lattice.periodic:
+            steps = steps - points * xp.floor(steps * (1 / points))
+            last = points - 1
+        else:
+            steps = xp.clip(steps, 0.0, float(points - 1))
+            last = points - 2
+        cell = xp.clip(
+            xp.floor(steps), 0.0, float(last)
+        )  # rounding may put a place on the end of the last cell
+        return xp.astype(cell, xp.int32), steps - cell
+
+    def _weights(self, t: Array) -> list[Array]:
+        if self.degree == 1:
+            return [1 - t, t]
+        s, square, cube = 1 - t, t * t, t * t * t
+        return [
+            s * s * s * (1 / 6),
+            0.5 * cube - square + 2 / 3,
+            0.5 * (square + t - cube) + 1 / 6,
+            cube * (1 / 6),
+        ]
+
+    def _slopes(self, t: Array, axis: int) -> list[Array]:
+        """Derivatives of the weights by the coordinate."""
+        per = 1 / self.lattice.spacing[axis]
+        if self.degree == 1:
+            one = namespace(t).ones_like(t)
+            return [-per * one, per * one]
+        s, square = 1 - t, t * t
+        return [
+            (-0.5 * per) * s * s,
+            per * (1.5 * square - 2 * t),
+            per * (0.5 + t - 1.5 * square),
+            (0.5 * per) * square,
+        ]
+
+    # --- bounds
+    # ----------------------------------------------------------------------------------------------
+
+    def bounds(self, *, of: Callable[[np.ndarray], np.ndarray] = np.abs) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (quantities,) of the values, by default of their size, and (quantities, 2) of the slopes'
+        size.
+
+        Each piece lies in the convex hull of its Bézier control values, and so do its derivatives in that of
+        their differences. `of` maps control values (quantities, ...) to what is to be bounded, a convex
+        function of them.
+        """
+        values, slopes = [], []
+        cells = self.coefficients.shape[1] - self.degree
+        for first in range(0, cells, _BLOCK):  # in blocks, to spare memory
+            block = self.coefficients[:, first : first + _BLOCK + self.degree]
+            control = self._bezier(self._bezier(block, 1), 2)
+            values.append(of(control).max(axis=(1, 2)))
+            steps = [np.abs(np.diff(control, axis=axis)).max(axis=(1, 2)) for axis in (1, 2)]
+            slopes.append(self.degree * np.stack(steps, axis=-1) / np.asarray(self.lattice.spacing))
+        return np.max(values, axis=0), np.max(slopes, axis=0)
+
+    def _bezier(self, control: np.ndarray, axis: int) -> np.ndarray:
+        """Bézier control values along an axis: of each cell `degree` + 1, the last of one being the first of
+        the next."""
+        if self.degree == 1:
+            return control
+        c = np.moveaxis(control, axis, 0)
+        thirds = [(2 * c[1:-2] + c[2:-1]) / 3, (c[1:-2] + 2 * c[2:-1]) / 3]
+        points = (c[:-2] + 4 * c[1:-1] + c[2:]) / 6
+        result = np.empty((3 * len(points) - 2, *c.shape[1:]))
+        result[::3], result[1::3], result[2::3] = points, *thirds
+        return np.moveaxis(result, 0, axis)
+
+    def at_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`with_slopes` at the lattice's own points, (quantities, nx, ny) each."""
+        x, y = (
+            start + step * np.arange(points)
+            for start, step, points in zip(
+                self.lattice.origin, self.lattice.spacing, self.lattice.shape, strict=True
+            )
+        )
+        parts = [self.with_slopes(np.full_like(y, place), y) for place in x]  # line by line, to spare memory
+        values, slope_x, slope_y = (np.stack(lines, axis=1) for lines in zip(*parts, strict=True))
+        return values, slope_x, slope_y
+
+
+def _weighted(patch: Array, weights: list[Array], axis: int) -> Array:
+    """Σ weights · patch over `axis`, in an order that does not depend on the number of places."""
+    take = (slice(None),) * axis
+    total = patch[(*take, 0, ...)] * weights[0]
+    for i in range(1, len(weights)):
+        total = total + patch[(*take, i, ...)] * weights[i]
+    return total
+
+
+def _periodic_control(values: np.ndarray, axis: int) -> np.ndarray:
+    """Control values of a periodic cubic B-spline: (c_{i−1} + 4c_i + c_{i+1})/6 = v_i on a ring."""
+    points = values.shape[axis]
+    response = (4 + 2 * np.cos(2 * math.pi * np.arange(points // 2 + 1) / points)) / 6
+    shape = [1] * values.ndim
+    shape[axis] = -1
+    return np.fft.irfft(np.fft.rfft(values, axis=axis) / response.reshape(shape), points, axis)
+
+
+def _clamped_control(values: np.ndarray, axis: int) -> np.ndarray:
+    """Control values c_{−1} … c_n of a cubic B-spline whose first two and last two pieces are one cubic each.
+
+    That end condition ("not a knot") keeps the order of the interior up to the edges, and gives c_1 and
+    c_{n−2} at once; the others follow from a tridiagonal system.
+    """
+    v = np.moveaxis(values, axis, 0)
+    n = len(v)
+    c = np.empty((n + 2, *v.shape[1:]))  # c[i + 1] belongs to point i
+    c[2] = (8 * v[1] - v[0] - v[2]) / 6
+    c[n - 1] = (8 * v[n - 2] - v[n - 1] - v[n - 3]) / 6
+    # interior points 2 … n − 3: eliminate upwards, substitute back
+    right = [c[2]]
+    factor = [0.0]
+    for i in range(2, n - 2):
+        pivot = 1 / (4 - factor[-1])
+        right.append((6 * v[i] - right[-1]) * pivot)
+        factor.append(pivot)
+    for i in range(n - 3, 1, -1):
+        c[i + 1] = right[i - 1] - factor[i - 1] * c[i + 2]
+    c[1], c[n] = 6 * v[1] - 4 * c[2] - c[3], 6 * v[n - 2] - 4 * c[n - 1] - c[n - 2]
+    c[0], c[n + 1] = 6 * v[0] - 4 * c[1] - c[2], 6 * v[n - 1] - 4 * c[n] - c[n - 1]
+    return np.moveaxis(c, 0, axis)

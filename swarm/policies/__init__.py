@@ -1,0 +1,1 @@
+"""What a cell does: strategies, networks and their files."""

@@ -1,0 +1,237 @@
+"""A trained policy: a small fully connected network that runs in NumPy, and its file.
+
+A policy file is in safetensors: arrays and one card in JSON, nothing that could run. What it says is checked
+against fixed limits before anything of its size is allocated, so anyone's file is safe to open.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Sequence
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from swarm._support import files
+from swarm._support.arrays import namespace
+from swarm._support.checks import check_name
+from swarm.physics import perception
+from swarm.policies.policy_file import (
+    CARD,
+    MAX_LAYERS,
+    MAX_SIZE,
+    MAX_WIDTH,
+    POLICY_FILE,
+    PolicyError,
+    check_card,
+    check_header,
+    read_bytes,
+    read_tensors,
+)
+
+if TYPE_CHECKING:
+    from swarm.physics.world import State, World
+
+Array = Any
+
+ZOO = "zoo:"  # what names of shipped policies begin with
+BLOCK = 64  # rows that are always computed together
+
+
+class Network:
+    """Q-values of every action by a fully connected network: tanh between layers, linear output.
+
+    The card says what it was made for: `n_records` (N_T) and `features` (numbers per record: 2, or 5 with the
+    flow sensed) are needed, anything else that JSON can hold may follow. Raises PolicyError unless layers and
+    card agree.
+    """
+
+    def __init__(self, weights: Sequence[Any], biases: Sequence[Any], card: dict[str, Any]) -> None:
+        self.weights = tuple(_layer(f"layers.{i}.weight", array, 2) for i, array in enumerate(weights))
+        self.biases = tuple(_layer(f"layers.{i}.bias", array, 1) for i, array in enumerate(biases))
+        _check_chain(self.weights, self.biases)
+        self.card = check_card({**card, "n_actions": card.get("n_actions", self.n_actions)})
+        size = self.n_records * self.features
+        if size != self.n_inputs:
+            raise PolicyError(
+                f"card must describe the network: n_records × features is "
+                f"{self.n_records} × {self.features} = {size}, got {self.n_inputs} inputs"
+            )
+        if self.card["n_actions"] != self.n_actions:
+            raise PolicyError(
+                f"card must describe the network: n_actions is {self.card['n_actions']}, "
+                f"got {self.n_actions} outputs"
+            )
+
+    def __repr__(self) -> str:
+        nodes = "-".join(str(size) for size in (self.n_inputs, *(len(bias) for bias in self.biases)))
+        return f"Network({nodes}, n_records={self.n_records}, features={self.features})"
+
+    @property
+    def n_inputs(self) -> int:
+        """Numbers in an observation."""
+        return self.weights[0].shape[1]
+
+    @property
+    def n_actions(self) -> int:
+        """m, the number of outputs."""
+        return self.weights[-1].shape[0]
+
+    @property
+    def n_records(self) -> int:
+        """N_T it was trained for."""
+        return self.card["n_records"]
+
+    @property
+    def features(self) -> int:
+        """Numbers per record: 2, or 5 with the flow sensed."""
+        return self.card["features"]
+
+    @cached_property
+    def _transposed(self) -> tuple[np.ndarray, ...]:
+        return tuple(np.ascontiguousarray(weight.T) for weight in self.weights)
+
+    def values(self, observation: Array) -> np.ndarray:
+        """Q-values (..., m) float32 of observations (..., inputs).
+
+        Rows are computed in blocks of a fixed size, the last one padded, so that a cell's values are the same
+        to the last bit whatever the number of cells.
+        """
+        inputs = np.asarray(observation, np.float32)
+        if inputs.shape[-1:] != (self.n_inputs,):
+            raise PolicyError(
+                f"observation must end in {self.n_inputs} numbers, got the shape {inputs.shape}"
+            )
+        rows = math.prod(inputs.shape[:-1])
+        padded = np.zeros((-(-rows // BLOCK), BLOCK, self.n_inputs), np.float32)
+        padded.reshape(-1, self.n_inputs)[:rows] = inputs.reshape(rows, self.n_inputs)
+        hidden = padded
+        for weight, bias in zip(self._transposed[:-1], self.biases[:-1], strict=True):
+            hidden = np.matmul(hidden, weight)
+            hidden += bias
+            np.tanh(hidden, out=hidden)
+        output = np.matmul(hidden, self._transposed[-1]) + self.biases[-1]
+        return output.reshape(-1, self.n_actions)[:rows].reshape(*inputs.shape[:-1], self.n_actions)
+
+    def __call__(self, observation: Array) -> np.ndarray:
+        """Best actions (...) for observations (..., inputs)."""
+        return np.argmax(self.values(observation), axis=-1)
+
+    def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
+        """Best actions (..., cells). A flow that the world senses and the network does not is left out.
+
+        Raises PolicyError where the network does not fit the world.
+        """
+        self.check_fits(world)
+        observation = perception.observe(state.memory[..., : self.features])
+        action = self(observation)
+        return namespace(state.memory).asarray(action)
+
+    def check_fits(self, world: World) -> None:
+        """Raises PolicyError unless the network can steer cells of this world."""
+        if self.n_records == world.n_records and self.features <= world.features:
+            if self.n_actions == world.n_actions:
+                return
+            raise PolicyError(
+                f"policy must have one value for each action of the world: the policy has {self.n_actions}, "
+                f"the world {world.n_actions}"
+            )
+        hint = "; it senses the flow: sense_flow=True" if self.features > world.features else ""
+        raise PolicyError(
+            f"policy must fit what the world's cells observe: the policy takes {self.n_inputs} numbers "
+            f"(n_records = {self.n_records}, {self.features} in each), the world gives "
+            f"{world.observation_size} (n_records = {world.n_records}, {world.features} in each){hint}"
+        )
+
+
+def save_policy(network: Network, path: str | os.PathLike) -> None:
+    """Writes the network and its card as safetensors, whole or not at all; always in the same bytes."""
+    from safetensors.numpy import save
+
+    tensors = {}
+    for i, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        tensors[f"layers.{i}.weight"], tensors[f"layers.{i}.bias"] = weight, bias
+    card = json.dumps(network.card, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    files.write_bytes(path, save(tensors, {CARD: card}))
+
+
+def load_policy(name: str | os.PathLike) -> Network:
+    """The network of a policy file, of a run folder's `policy.safetensors`, or shipped: "zoo:linear_n4".
+
+    Raises PolicyError that names the file and the rule it breaks; nothing in the file can run.
+    """
+    if isinstance(name, str) and name.startswith(ZOO):
+        return _load_from_zoo(name.removeprefix(ZOO))
+    path = Path(name)
+    if path.is_dir():
+        path = path / POLICY_FILE
+    return parse_policy(read_bytes(path), str(path))
+
+
+def zoo_names() -> list[str]:
+    """Names of the shipped policies, without "zoo:"."""
+    folder = resources.files("swarm") / "zoo"
+    if not folder.is_dir():
+        return []
+    return sorted(
+        item.name.removesuffix(".safetensors")
+        for item in folder.iterdir()
+        if item.name.endswith(".safetensors")
+    )
+
+
+def parse_policy(data: bytes, source: str) -> Network:
+    """The network in the bytes of a policy file; `source` names it in errors (PolicyError)."""
+    try:
+        shapes, card = check_header(data)
+        return Network(*read_tensors(data, shapes), card)
+    except PolicyError as error:
+        raise PolicyError(f"{source} is no policy that can be opened: {error}") from None
+
+
+def _load_from_zoo(name: str) -> Network:
+    names = zoo_names()
+    if not names:
+        raise PolicyError(f"no policies are shipped with this copy, got {ZOO}{name}")
+    try:
+        check_name("shipped policy", name, names)
+    except ValueError as error:
+        raise PolicyError(str(error)) from None
+    file = resources.files("swarm") / "zoo" / f"{name}.safetensors"
+    return parse_policy(file.read_bytes(), ZOO + name)
+
+
+def _layer(name: str, array: Any, axes: int) -> np.ndarray:
+    result = np.array(array, dtype=np.float32, order="C")
+    if result.ndim != axes or not all(1 <= side <= MAX_WIDTH for side in result.shape):
+        raise PolicyError(f"{name} must have {axes} axes of 1 to {MAX_WIDTH}, got the shape {result.shape}")
+    beyond = ~(np.abs(result) <= MAX_SIZE)  # NaN too
+    if np.any(beyond):
+        raise PolicyError(
+            f"{name} must hold finite numbers of size {MAX_SIZE:g} at most, got {result[beyond][0]:g}"
+        )
+    result.flags.writeable = False
+    return result
+
+
+def _check_chain(weights: Sequence[np.ndarray], biases: Sequence[np.ndarray]) -> None:
+    if len(weights) != len(biases) or not 1 <= len(weights) <= MAX_LAYERS:
+        raise PolicyError(
+            f"a network must have 1 to {MAX_LAYERS} layers with a weight and a bias each, "
+            f"got {len(weights)} weights and {len(biases)} biases"
+        )
+    for i, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        if weight.shape[0] != len(bias):
+            raise PolicyError(
+                f"layers.{i}.bias must have {weight.shape[0]} numbers like its weight, got {len(bias)}"
+            )
+        if i and weight.shape[1] != len(biases[i - 1]):
+            raise PolicyError(
+                f"layers.{i}.weight must take the {len(biases[i - 1])} numbers of the layer before, "
+                f"got {weight.shape[1]}"
+            )

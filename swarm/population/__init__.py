@@ -1,0 +1,1 @@
+"""What came out: rollouts of populations, their results and statistics."""

@@ -1,0 +1,173 @@
+"""Population tests: the same starts for every policy, and the lives that follow."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from swarm._support import provenance, streams
+from swarm._support.checks import check_count, check_flag
+from swarm.physics.motion.swimmer import centre_of_curvature
+from swarm.physics.starts import NOISE_BLOCK, Starts, draw_noise, draw_starts
+from swarm.physics.world import World
+from swarm.policies.strategies import Greedy, Policy
+from swarm.population.results import RIVAL, SERIES, as_dataset, settings
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def population_test(
+    world: World,
+    policies: Mapping[str, Policy],
+    *,
+    cells: int = 40,
+    life: float = 200.0,
+    seed: int = 0,
+    record: bool = True,
+    limit: bool = True,
+    population: streams.Population = "test",
+    episode: int = 0,
+) -> xr.Dataset:
+    """Lives of `cells` cells under each policy, all from the same starts and with the same random numbers.
+
+    Per (policy, cell): gain, maximal_gain, arrived, lifetime, decisions; with `record` also per decision,
+    from the start (0) on and NaN after the end: time, position, heading, curvature, centre (of curvature),
+    concentration. Attributes: seed, life, settings of the world (JSON), versions, commit, and the limit where
+    there is one and `limit` is asked for. "greedy" is added where it is missing. Raises ValueError for a
+    field or flow that returns NaN.
+    """
+    policies = _with_rival(policies)
+    check_count("cells", cells)
+    seed = streams.check_seed(seed)
+    check_flag("record", record)
+    world = world.replace(life=life)
+    starts = draw_starts(world, cells, seed, population=population, episode=episode)
+    lived = {
+        name: lives(
+            world, policy, starts, seed, name=name, population=population, episode=episode, record=record
+        )
+        for name, policy in policies.items()
+    }
+    bound = _limit(world, starts) if limit else None
+    attributes = {
+        "title": "Population test: the same starts for every policy",
+        "seed": seed,
+        "life": world.life,
+        "population": population,
+        "world": json.dumps(settings(world), default=str),
+        "versions": json.dumps(provenance.versions()),
+        "commit": provenance.commit() or "",
+    }
+    if bound is not None:
+        attributes["limit"] = bound
+    return as_dataset(starts, lived, attributes)
+
+
+def _with_rival(policies: Mapping[str, Policy]) -> dict[str, Policy]:
+    named: Mapping[Any, Any] = policies
+    for name, policy in named.items():
+        if not isinstance(name, str) or not name:
+            raise TypeError(f"policies must be named by text, got {name!r}")
+        if not callable(getattr(policy, "act", None)):
+            raise TypeError(f"policy {name!r} must have act(world, state, uniform), got {policy!r}")
+    if not isinstance(policies.get(RIVAL, Greedy()), Greedy):
+        raise ValueError(f"policy {RIVAL!r} must be the greedy strategy, got {policies[RIVAL]!r}")
+    return dict(policies) if RIVAL in policies else {**policies, RIVAL: Greedy()}
+
+
+def _limit(world: World, starts: Starts) -> float | None:
+    try:
+        from swarm.optimal.physical_limit import limit
+    except ImportError:
+        return None
+    return limit(world, starts)
+
+
+def lives(
+    world: World,
+    policy: Policy,
+    starts: Starts,
+    seed: int,
+    *,
+    name: str,
+    population: streams.Population,
+    episode: int = 0,
+    record: bool = False,
+) -> dict[str, np.ndarray]:
+    """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...)."""
+    cells = len(starts.heading)
+    state = world.start(*starts)
+    recorder = _Recorder(world, cells) if record else None
+    if recorder:
+        recorder.add(state, np.ones(cells, bool))
+    arrived = np.zeros(cells, bool)
+    decisions = np.zeros(cells, np.int32)
+    gain = maximal = np.zeros(cells)
+    for decision in range(world.max_decisions):
+        block, turn = divmod(decision, NOISE_BLOCK)
+        if turn == 0:
+            uniform = streams.generator(population, "policy", seed, episode, block).random(
+                (cells, NOISE_BLOCK)
+            )
+            if world.has_noise:
+                noise = draw_noise(
+                    seed, cells, NOISE_BLOCK, population=population, episode=episode, block=block
+                )
+        alive = ~state.finished
+        action = policy.act(world, state, uniform[:, turn])
+        state, outcome = world.step(state, action, noise[:, turn] if world.has_noise else None)
+        gain = outcome.gain
+        arrived |= outcome.terminated & alive
+        decisions += alive
+        maximal = np.maximum(maximal, gain)
+        if recorder:
+            recorder.add(state, alive)
+        if state.finished.all():
+            break
+    if not np.all(np.isfinite(gain)):
+        cell = int(np.flatnonzero(~np.isfinite(gain))[0])
+        raise ValueError(
+            f"gains must be finite, got {gain[cell]} for cell {cell} under {name!r}: "
+            "check what the field and the flow return"
+        )
+    measured = {
+        "gain": gain,
+        "maximal_gain": maximal,
+        "arrived": arrived,
+        "lifetime": world.time(state),
+        "decisions": decisions,
+    }
+    return measured | (recorder.series() if recorder else {})
+
+
+class _Recorder:
+    """Collects what is plotted of every life; NaN where a life is over."""
+
+    def __init__(self, world: World, cells: int) -> None:
+        self.world = world
+        self.length = 0
+        self.columns: dict[str, np.ndarray] = {
+            name: np.full((world.max_decisions + 1, cells, *(2 for _ in extra)), np.nan, dtype)
+            for name, (extra, dtype, _, _) in SERIES.items()
+        }
+
+    def add(self, state: Any, alive: np.ndarray) -> None:
+        curvature = self.world.curvature(state)
+        row = {
+            "time": self.world.time(state),
+            "position": state.position,
+            "heading": self.world.heading_angle(state),
+            "curvature": curvature,
+            "centre": centre_of_curvature(state.pose, curvature),
+            "concentration": self.world.field.concentration(state.position),
+        }
+        for name, values in row.items():
+            self.columns[name][self.length, alive] = values[alive]
+        self.length += 1
+
+    def series(self) -> dict[str, np.ndarray]:
+        return {name: np.moveaxis(column[: self.length], 0, 1) for name, column in self.columns.items()}

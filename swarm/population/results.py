@@ -1,0 +1,204 @@
+"""Results of population tests: labelled arrays, the settings of their world, and their NetCDF files."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from swarm._support import files
+from swarm.physics.starts import Starts
+from swarm.physics.world import FIELDS, FLOWS, World
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+RIVAL = "greedy"  # the policy that every other is compared with
+MAX_FILE = 2**30  # [bytes] of a results file
+PARTS: dict[str, type] = {part.__name__: part for part in (*FIELDS.values(), *FLOWS.values())}
+
+Column = tuple[tuple[str, ...], type, str, str]
+LIVES: dict[str, Column] = {  # name: dimensions after (policy, cell), dtype, units, long name
+    "gain": ((), np.float64, "concentration", "c(end of life) − c(0)"),
+    "maximal_gain": ((), np.float64, "concentration", "largest c(t) − c(0) at any decision"),
+    "arrived": ((), np.bool_, "", "whether the path reached the egg"),
+    "lifetime": ((), np.float64, "time", "time from the start to the end of life"),
+    "decisions": ((), np.int32, "", "decisions made"),
+}
+SERIES: dict[str, Column] = {
+    "time": ((), np.float64, "time", "time lived"),
+    "position": (("axis",), np.float32, "length", "position"),
+    "heading": ((), np.float32, "rad", "heading, counter-clockwise from +x"),
+    "curvature": ((), np.float32, "1/length", "curvature chosen for the interval that ends here"),
+    "centre": (("axis",), np.float32, "length", "centre of curvature"),
+    "concentration": ((), np.float32, "concentration", "concentration at the position"),
+}
+STARTS: dict[str, Column] = {
+    "start_position": (("cell", "axis"), np.float64, "length", "position at t = 0"),
+    "start_heading": (("cell",), np.float64, "rad", "heading at t = 0, counter-clockwise from +x"),
+    "past": (("cell", "record"), np.int32, "", "actions before t = 0, newest first"),
+}
+_COORDINATES = ("policy", "cell", "axis", "record", "decision")
+
+
+class ResultsError(ValueError):
+    """A file that holds no results of a population test."""
+
+
+def as_dataset(
+    starts: Starts, lives: Mapping[str, Mapping[str, np.ndarray]], attributes: dict[str, Any]
+) -> xr.Dataset:
+    """Labelled results of every policy's lives: arrays (cells, ...), series (cells, decisions + 1, ...)."""
+    import xarray as xr
+
+    variables: dict[str, Any] = {}
+    for name, values in zip(STARTS, (starts.position, starts.heading, starts.past), strict=True):
+        dimensions, dtype, units, long_name = STARTS[name]
+        variables[name] = (dimensions, values.astype(dtype), _labels(units, long_name))
+    measured = next(iter(lives.values()))
+    longest = max(life["time"].shape[1] for life in lives.values()) if "time" in measured else 0
+    for name, (extra, dtype, units, long_name) in {**LIVES, **SERIES}.items():
+        if name not in measured:
+            continue
+        along = ("decision",) if name in SERIES else ()
+        stacked = [_padded(life[name], longest) if along else life[name] for life in lives.values()]
+        dimensions = ("policy", "cell", *along, *extra)
+        variables[name] = (dimensions, np.stack(stacked).astype(dtype), _labels(units, long_name))
+    coordinates: dict[str, Any] = {
+        "policy": list(lives),
+        "cell": np.arange(len(starts.heading), dtype=np.int32),
+        "axis": ["x", "y"],
+    }
+    if longest:
+        coordinates["decision"] = np.arange(longest, dtype=np.int32)
+    return xr.Dataset(variables, coordinates, attributes)
+
+
+def _labels(units: str, long_name: str) -> dict[str, str]:
+    return {"units": units, "long_name": long_name} if units else {"long_name": long_name}
+
+
+def _padded(series: np.ndarray, length: int) -> np.ndarray:
+    missing = [(0, 0), (0, length - series.shape[1])] + [(0, 0)] * (series.ndim - 2)
+    return np.pad(series, missing, constant_values=np.nan)
+
+
+def settings(world: World) -> dict[str, Any]:
+    """A world's parameters as JSON values; fields and flows by the name of their type and their numbers."""
+    result = {}
+    for item in dataclasses.fields(world):
+        value = getattr(world, item.name)
+        if item.name in ("field", "flow"):
+            parts = dataclasses.fields(value) if dataclasses.is_dataclass(value) else ()
+            numbers = {part.name: getattr(value, part.name) for part in parts}
+            plain = {name: number for name, number in numbers.items() if not callable(number)}
+            value = {"type": type(value).__name__, **plain}
+        result[item.name] = value
+    return result
+
+
+def world_of(results: xr.Dataset) -> World:
+    """The world that results were made in; raises ResultsError where its field or flow is a user's own."""
+    try:
+        stored = json.loads(results.attrs["world"])
+        for name in ("field", "flow"):
+            part = dict(stored[name])
+            kind = part.pop("type")
+            if kind not in PARTS:
+                raise ResultsError(
+                    f"{name} must be one of {', '.join(sorted(PARTS))} to be made again, got {kind!r}"
+                )
+            stored[name] = PARTS[kind](**part)
+        return World(**stored)
+    except ResultsError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ResultsError(f"results must state the world they were made in, got {error}") from None
+
+
+def save_population(results: xr.Dataset, path: str | os.PathLike) -> None:
+    """Writes results as NetCDF, whole or not at all."""
+    with files.replacing(path) as temporary:
+        results.to_netcdf(temporary, engine="h5netcdf")
+
+
+def load_population(path: str | os.PathLike) -> xr.Dataset:
+    """Results that `save_population` wrote; raises ResultsError that names the file and the rule it breaks.
+
+    The file is checked before anything is read: nothing outside it is followed, and it holds every number it
+    announces.
+    """
+    file = Path(path)
+    try:
+        _check_file(file)
+        return _read(file)
+    except ResultsError as error:
+        raise ResultsError(f"{file} holds no results of a population test: {error}") from None
+
+
+def _check_file(file: Path) -> None:
+    if not file.is_file():
+        raise ResultsError("it must be an ordinary file" if file.exists() else "it is not there")
+    size = file.stat().st_size
+    if size > MAX_FILE:
+        raise ResultsError(f"it must have at most {MAX_FILE} bytes, got {size}")
+    import h5py
+
+    known = {**STARTS, **LIVES, **SERIES}
+    try:
+        with h5py.File(file, "r") as opened:
+            announced = 0
+            for name in opened:
+                if not isinstance(opened.get(name, getlink=True), h5py.HardLink):
+                    raise ResultsError(f"{name!r} must be stored in the file itself, got a link")
+                stored = opened[name]
+                if not isinstance(stored, h5py.Dataset) or name not in {*known, *_COORDINATES}:
+                    raise ResultsError(f"it must hold {', '.join(known)}, got {name!r}")
+                if stored.external or stored.is_virtual:
+                    raise ResultsError(
+                        f"{name!r} must be stored in the file itself, got a reference to another file"
+                    )
+                announced += math.prod(stored.shape or ()) * stored.dtype.itemsize
+                if announced > size or stored.compression is not None:
+                    raise ResultsError(
+                        f"it must hold all of its numbers uncompressed, got {name!r} of shape {stored.shape}"
+                    )
+            missing = [name for name in ("gain", *STARTS) if name not in opened]
+            if missing:
+                raise ResultsError(f"it must hold {', '.join(missing)}")
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
+        if isinstance(error, ResultsError):
+            raise
+        raise ResultsError(f"it must be a NetCDF file, got {str(error)[:200]}") from None
+
+
+def _read(file: Path) -> xr.Dataset:
+    import xarray as xr
+
+    try:
+        with xr.open_dataset(file, engine="h5netcdf", decode_times=False) as opened:
+            results = opened.load()
+    except Exception as error:
+        raise ResultsError(f"it must be a NetCDF file, got {str(error)[:200]}") from None
+    expected = {name: dimensions for name, (dimensions, *_) in STARTS.items()}
+    expected |= {name: ("policy", "cell", *extra) for name, (extra, *_) in LIVES.items()}
+    expected |= {name: ("policy", "cell", "decision", *extra) for name, (extra, *_) in SERIES.items()}
+    for name, values in results.data_vars.items():
+        if values.dims != expected.get(str(name)):
+            raise ResultsError(
+                f"{name!r} must have the dimensions {expected.get(str(name))}, got {values.dims}"
+            )
+    for name in ("seed", "life", "world"):
+        if name not in results.attrs:
+            raise ResultsError(f"it must have the attribute {name!r}")
+    if RIVAL not in results["policy"].values:
+        raise ResultsError(f"one of its policies must be {RIVAL!r}")
+    if not np.all(np.isfinite(results["gain"].values)):
+        raise ResultsError("its gains must be finite")
+    return results

@@ -1,0 +1,690 @@
+"""The PettingZoo face keeps its contract; what is wrong is told and changes nothing."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import pickle
+import random
+
+import numpy as np
+import pettingzoo
+import pytest
+from gymnasium.spaces import Box, Discrete
+from pettingzoo.utils import aec_to_parallel
+
+import swarm
+from swarm import sperm_swarm_v0
+from swarm.envs.pettingzoo import parallel_env
+from swarm.physics.starts import draw_noise, draw_starts
+
+PATHS = {
+    "still water": {},
+    "Taylor–Green, flow sensed": {"flow": "taylor_green", "sense_flow": True},
+    "varying speed": {"varying_speed": True, "life": 6.01},
+    "radial": {"field": "radial", "start_box": ((1.2, 3), (-1, 1))},
+    "exact intervals": {"interval_rule": "exact", "varying_speed": True},
+    "three curvatures": {"curvatures": (3.0, 4.0, 5.0), "n_records": 2},
+    "float32": {"dtype": "float32"},
+    "noise": {"concentration_noise": 0.1, "curvature_noise": 0.2, "rotational_diffusion": 0.01},
+}
+
+
+@pytest.fixture(params=PATHS)
+def env(request):
+    """A small swarm that lives for a few decisions, in every kind of world."""
+    return parallel_env(5, **({"life": 6.0} | PATHS[request.param]))
+
+
+def constant(env, action=0):
+    return dict.fromkeys(env.agents, action)
+
+
+def play(env, *, seed=0, steps=10**6):
+    """Random actions; yields what every step returns."""
+    generator = np.random.default_rng(seed)
+    for _ in range(steps):
+        if not env.agents:
+            return
+        top = env.world.n_actions
+        yield env.step({agent: int(generator.integers(top)) for agent in env.agents})
+
+
+def snapshot(env):
+    """All that an environment is, as bytes."""
+    return pickle.dumps((env.agents, env.state(), env.__getstate__()))
+
+
+# --- the contract ---
+
+
+def test_the_arguments_are_those_that_were_promised():
+    promised = {
+        "n_swimmers": 40,
+        "n_records": 4,
+        "field": "linear",
+        "flow": "still",
+        "sense_flow": False,
+        "varying_speed": False,
+        "life": 80.0,
+        "start_box": None,
+        "max_cycles": None,
+        "render_mode": None,
+        "curvatures": (3.0, 5.0),
+        "speed": 1.0,
+        "speeds": (1.1, 0.9),
+        "time_step": 0.02,
+        "interval_rule": "truncated",
+        "dtype": "float64",
+        "concentration_noise": 0.0,
+        "curvature_noise": 0.0,
+        "rotational_diffusion": 0.0,
+    }
+    for make in (sperm_swarm_v0.parallel_env, sperm_swarm_v0.env, sperm_swarm_v0.raw_env):
+        parameters = inspect.signature(make).parameters
+        assert {name: item.default for name, item in parameters.items()} == promised
+        assert list(parameters) == list(promised)
+
+
+def test_the_default_start_box_is_the_paper_s_or_one_vortex_cell():
+    assert parallel_env().world.box == ((0, 10), (0, 10))
+    period = 2 * np.pi / swarm.TaylorGreen().wavenumber
+    assert parallel_env(flow="taylor_green").world.box == ((0, period), (0, period))
+
+
+def test_swarm_parallel_env_is_the_same_function():
+    assert swarm.parallel_env is sperm_swarm_v0.parallel_env
+
+
+@pytest.mark.parametrize("kind", ["parallel", "aec"])
+def test_it_is_registered_with_pettingzoo(kind):
+    env = pettingzoo.make(kind, "chemoswarm/sperm_swarm_v0", n_swimmers=3)
+    assert env.possible_agents == ["swimmer_0", "swimmer_1", "swimmer_2"]
+
+
+def test_fields_and_flows_may_be_named_or_given():
+    named = parallel_env(2, field="radial", flow="taylor_green").world
+    assert named == parallel_env(2, field=swarm.RadialField(), flow=swarm.TaylorGreen()).world
+
+
+def test_agents_are_named_swimmers_and_have_a_space_each(env):
+    env.reset(seed=0)
+    assert env.agents == env.possible_agents == [f"swimmer_{i}" for i in range(5)]
+    for agent in env.agents:
+        assert env.observation_space(agent) is env.observation_space(agent)
+        assert env.action_space(agent) == Discrete(env.world.n_actions)
+        assert env.observation_space(agent).shape == (env.world.observation_size,)
+    assert env.action_space("swimmer_0") is not env.action_space("swimmer_1")  # each is seeded by itself
+
+
+def test_spaces_are_finite_and_hold(env):
+    observations, _ = env.reset(seed=0)
+    spaces = [env.state_space, *(env.observation_space(agent) for agent in env.agents)]
+    assert all(isinstance(space, Box) for space in spaces)
+    assert all(np.isfinite(space.low).all() and np.isfinite(space.high).all() for space in spaces)
+    steps = [(observations, {}, {}), *((step[0], step[1], step[4]) for step in play(env))]
+    assert len(steps) > 2
+    for seen, rewards, infos in steps:
+        for agent, observation in seen.items():
+            assert observation.dtype == np.float32
+            assert observation in env.observation_space(agent)
+        assert all(type(reward) is float and np.isfinite(reward) for reward in rewards.values())
+        assert all(set(info) == {"gain"} and type(info["gain"]) is float for info in infos.values())
+
+
+def test_the_state_lies_in_its_space(env):
+    env.reset(seed=0)
+    assert env.state() in env.state_space
+    for _ in play(env):
+        assert env.state() in env.state_space
+
+
+def test_bounds_are_tight_where_the_gradient_is_known():
+    bound = parallel_env(1).observation_space("swimmer_0").high
+    assert bound.max() < 10
+
+
+def test_infos_hold_the_gain_from_reset_on(env):
+    _, infos = env.reset(seed=0)
+    assert infos == {agent: {"gain": 0.0} for agent in env.possible_agents}
+    start = env.world.field.concentration(env.state()[:, :2])
+    for *_, infos in play(env):
+        gain = env.world.field.concentration(env.state()[:, :2]) - start
+        for agent, info in infos.items():
+            assert info["gain"] == pytest.approx(gain[env.possible_agents.index(agent)], abs=1e-4)
+
+
+def test_the_environment_steps_the_world_and_adds_nothing(env):
+    world = env.world
+    starts = draw_starts(world, 5, 3, population="training")
+    dtype = env.arena.dtype
+    state = world.start(starts.position.astype(dtype), starts.heading.astype(dtype), starts.past)
+    observations, _ = env.reset(seed=3)
+    np.testing.assert_array_equal(np.stack(list(observations.values())), world.observation(state))
+    noise = draw_noise(3, 5, 64, population="training").astype(dtype)
+    generator = np.random.default_rng(0)
+    for decision in range(8):
+        action = generator.integers(world.n_actions, size=5)
+        state, outcome = world.step(state, action, noise[:, decision] if world.has_noise else None)
+        named = {agent: action[int(agent[-1])] for agent in env.agents}
+        observations, rewards, terminations, truncations, infos = env.step(named)
+        rows = [int(agent[-1]) for agent in named]
+        np.testing.assert_array_equal(np.stack(list(observations.values())), outcome.observation[rows])
+        assert list(rewards.values()) == outcome.reward[rows].tolist()
+        assert list(terminations.values()) == outcome.terminated[rows].tolist()
+        assert list(truncations.values()) == outcome.truncated[rows].tolist()
+        assert [info["gain"] for info in infos.values()] == outcome.gain[rows].tolist()
+        np.testing.assert_array_equal(env.state()[:, :2], state.position)
+
+
+def test_state_is_where_swimmers_are_how_they_head_and_what_they_did():
+    env = parallel_env(2, dtype="float64")
+    poses = {"position": [(1.0, 2.0), (-30.0, 4.0)], "heading": [0.5, -3.0]}
+    env.reset(seed=0, options=poses)
+    np.testing.assert_allclose(env.state()[:, :2], poses["position"])
+    np.testing.assert_allclose(env.state()[:, 2], poses["heading"])
+    env.step({"swimmer_0": 0, "swimmer_1": 1})
+    state = env.state()
+    assert state.shape == (2, 4)
+    np.testing.assert_array_equal(state[:, 3], [3.0, 5.0])
+    np.testing.assert_allclose(state[:, 2], [0.5 + 3 * 0.38, -3.0 + 5 * 0.38])
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_the_state_has_the_dtype_that_was_chosen(dtype):
+    env = parallel_env(2, dtype=dtype, flow="taylor_green", rotational_diffusion=0.1)
+    env.reset(seed=0)
+    for _ in play(env, steps=5):
+        assert env.state().dtype == env.state_space.dtype == dtype
+        assert all(part.dtype == dtype for part in env.arena.state[:3])
+
+
+# --- lives that end ---
+
+
+def test_out_of_time_is_a_truncation_of_all_at_the_same_time():
+    env = parallel_env(3, life=1.0)
+    env.reset(seed=0)
+    steps = list(play(env))
+    assert len(steps) == 3  # 0.38, 0.76, 1.00
+    *_, terminations, truncations, _ = steps[-1]
+    assert env.agents == []
+    assert truncations == dict.fromkeys(env.possible_agents, True)
+    assert terminations == dict.fromkeys(env.possible_agents, False)
+
+
+def test_max_cycles_truncates_too_and_whichever_comes_first():
+    for life, max_cycles, expected in ((80.0, 7, 7), (1.0, 7, 3), (1.0, 3, 3)):
+        env = parallel_env(3, life=life, max_cycles=max_cycles)
+        for _ in range(2):
+            env.reset(seed=0)
+            steps = list(play(env))
+            assert len(steps) == expected
+            assert all(steps[-1][3].values())
+
+
+def test_swimmers_with_clocks_of_their_own_leave_one_after_another():
+    env = parallel_env(2, varying_speed=True, life=3.5)
+    env.reset(seed=0)
+    leaving = []
+    while env.agents:
+        before = env.agents[:]
+        outputs = env.step({agent: int(agent[-1]) for agent in env.agents})
+        for output in outputs:
+            assert list(output) == before
+        leaving.append([agent for agent in before if agent not in env.agents])
+        for agent in before:
+            assert (agent in env.agents) == (not outputs[2][agent] and not outputs[3][agent])
+    # intervals of 0.42 end a life of 3.5 with the ninth, those of 0.34 with the eleventh
+    assert leaving[8] == ["swimmer_1"]
+    assert leaving[10] == ["swimmer_0"]
+
+
+def test_the_finished_stay_where_they_are_and_in_the_state():
+    env = parallel_env(2, varying_speed=True, life=3.5)
+    env.reset(seed=0)
+    while len(env.agents) == 2:
+        env.step({agent: int(agent[-1]) for agent in env.agents})
+    rested = env.state()[1]
+    assert rested[3] == 5.0
+    env.step({"swimmer_0": 0})
+    np.testing.assert_array_equal(env.state()[1], rested)
+    env.step({"swimmer_0": 0, "swimmer_1": "whatever"})  # wrappers send them; nobody reads them
+    np.testing.assert_array_equal(env.state()[1], rested)
+
+
+def test_reaching_the_egg_is_a_termination():
+    env = parallel_env(2, field="radial", life=400.0)
+    env.reset(seed=0, options={"position": [(1.1, 0.0), (9.0, 9.0)], "heading": [np.pi, 0.0]})
+    _, _, terminations, truncations, _ = env.step(constant(env))
+    assert terminations == {"swimmer_0": True, "swimmer_1": False}
+    assert not any(truncations.values())
+    assert env.agents == ["swimmer_1"]
+
+
+def test_an_arrival_with_the_last_cycle_is_no_truncation():
+    env = parallel_env(2, field="radial", max_cycles=1)
+    env.reset(seed=0, options={"position": [(1.1, 0.0), (9.0, 9.0)], "heading": [np.pi, 0.0]})
+    _, _, terminations, truncations, _ = env.step(constant(env))
+    assert terminations == {"swimmer_0": True, "swimmer_1": False}
+    assert truncations == {"swimmer_0": False, "swimmer_1": True}
+
+
+def test_leaving_the_known_part_of_a_field_is_a_truncation():
+    field = Field(inside=lambda position: position[..., 0] < 1.0)
+    env = parallel_env(2, field=field, start_box=((0, 0.1), (0, 0.1)))
+    env.reset(seed=0, options={"position": [(0.95, 0.0), (-5.0, 0.0)], "heading": [-0.5, 0.0]})
+    _, _, terminations, truncations, _ = env.step(constant(env))
+    assert truncations == {"swimmer_0": True, "swimmer_1": False}
+    assert not any(terminations.values())
+
+
+# --- seeds and starts ---
+
+
+def test_a_life_does_not_depend_on_how_many_others_there_are(env):
+    few = parallel_env(2, **({"life": 6.0} | {name: getattr(env.world, name) for name in WORLD}))
+    few.arena.dtype = env.arena.dtype
+    observations, others = few.reset(seed=5)[0], env.reset(seed=5)[0]
+    while few.agents:
+        for agent in few.agents:
+            np.testing.assert_array_equal(observations[agent], others[agent])
+        action = {agent: (int(agent[-1]) + few.arena.decision[0]) % 2 for agent in env.agents}
+        observations = few.step({agent: action[agent] for agent in few.agents})[0]
+        others = env.step(action)[0]
+
+
+WORLD = (
+    "n_records",
+    "field",
+    "flow",
+    "sense_flow",
+    "varying_speed",
+    "life",
+    "start_box",
+    "curvatures",
+    "interval_rule",
+    "concentration_noise",
+    "curvature_noise",
+    "rotational_diffusion",
+)
+
+
+def test_a_seed_begins_a_stream_of_episodes():
+    env, other = parallel_env(3), parallel_env(3)
+    env.reset(seed=7)
+    first = env.state()
+    env.reset()
+    second = env.state()
+    env.step(constant(env))
+    env.reset()
+    third = env.state()
+    assert len(np.unique(np.stack([first, second, third])[:, 0, 0])) == 3
+    for expected in (first, second, third):
+        other.reset(seed=7) if expected is first else other.reset()
+        np.testing.assert_array_equal(other.state(), expected)
+    env.reset(seed=7)
+    np.testing.assert_array_equal(env.state(), first)
+
+
+def test_without_a_seed_every_environment_begins_elsewhere():
+    first, second = parallel_env(1), parallel_env(1)
+    first.reset()
+    second.reset()
+    assert not np.array_equal(first.state(), second.state())
+
+
+def test_global_generators_are_left_alone():
+    numbers, legacy = random.getstate(), np.random.get_state(legacy=False)  # noqa: NPY002
+    env = parallel_env(2, rotational_diffusion=0.1)
+    env.reset()
+    env.step(constant(env))
+    env.reset(seed=0)
+    assert random.getstate() == numbers
+    after = np.random.get_state(legacy=False)  # noqa: NPY002
+    np.testing.assert_array_equal(after["state"]["key"], legacy["state"]["key"])
+    assert after["state"]["pos"] == legacy["state"]["pos"]
+
+
+def test_starts_lie_in_the_box_and_poses_may_be_given_outside():
+    env = parallel_env(50, start_box=((2, 3), (-5, -4)))
+    env.reset(seed=0)
+    x, y = env.state()[:, :2].T
+    assert ((x >= 2) & (x <= 3) & (y >= -5) & (y <= -4)).all()
+    env.reset(options={"position": np.full((50, 2), 77.0)})
+    np.testing.assert_array_equal(env.state()[:, :2], 77.0)
+
+
+def test_one_pose_option_leaves_the_other_to_the_seed():
+    env = parallel_env(3)
+    env.reset(seed=0)
+    drawn = env.state()
+    env.reset(seed=0, options={"heading": [0.0, 1.0, 2.0]})
+    np.testing.assert_array_equal(env.state()[:, :2], drawn[:, :2])
+    np.testing.assert_allclose(env.state()[:, 2], [0.0, 1.0, 2.0])
+
+
+def test_unknown_options_are_ignored():
+    env, plain = parallel_env(3), parallel_env(3)
+    env.reset(seed=0, options={"options": 1, "positions": "everywhere"})
+    plain.reset(seed=0, options={})
+    np.testing.assert_array_equal(env.state(), plain.state())
+
+
+def test_noise_goes_on_past_its_block_and_differs_between_episodes():
+    env = parallel_env(2, rotational_diffusion=0.1, life=80.0)
+    turns = []
+    for _ in range(2):
+        env.reset(seed=4, options={"position": np.zeros((2, 2)), "heading": np.zeros(2)})
+        turns.append([])
+        for _ in range(100):
+            env.step(constant(env))
+            turns[-1].append(env.state()[0, 2])
+    assert turns[0] == turns[1]
+    env.reset(options={"position": np.zeros((2, 2)), "heading": np.zeros(2)})
+    env.step(constant(env))
+    assert env.state()[0, 2] != turns[0][0]
+
+
+# --- what is wrong ---
+
+
+def begun(**settings):
+    env = parallel_env(3, **settings)
+    env.reset(seed=0)
+    env.step(constant(env))
+    return env
+
+
+BAD_ACTIONS = {
+    "too large": ({"swimmer_1": 2}, ValueError, "swimmer_1 must be a whole number from 0 to 1, got 2"),
+    "negative": ({"swimmer_1": -1}, ValueError, "swimmer_1 must be a whole number from 0 to 1, got -1"),
+    "enormous": ({"swimmer_1": 2**70}, ValueError, "swimmer_1 must be a whole number"),
+    "beyond a byte": (
+        {"swimmer_2": 256},
+        ValueError,
+        "swimmer_2 must be a whole number from 0 to 1, got 256",
+    ),
+    "a float": ({"swimmer_1": 1.0}, TypeError, r"swimmer_1 must be a whole number from 0 to 1, got 1\.0"),
+    "NaN": ({"swimmer_0": float("nan")}, TypeError, "swimmer_0 must be a whole number from 0 to 1, got nan"),
+    "an array": ({"swimmer_0": np.array([1])}, TypeError, r"swimmer_0 must .* got array\(\[1\]\)"),
+    "a float array": ({"swimmer_0": np.array(1.0)}, TypeError, "swimmer_0 must be a whole number"),
+    "text": ({"swimmer_0": "1"}, TypeError, "swimmer_0 must be a whole number from 0 to 1, got '1'"),
+    "nothing": ({"swimmer_0": None}, TypeError, "swimmer_0 must be a whole number from 0 to 1, got None"),
+    "unknown agent": ({"swimmer_3": 0}, ValueError, "for swimmer_0 to swimmer_2, got one for 'swimmer_3'"),
+    "wrong name": ({"cell_0": 0}, ValueError, "for swimmer_0 to swimmer_2, got one for 'cell_0'"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_ACTIONS)
+def test_a_bad_action_is_told_and_changes_nothing(case):
+    wrong, error, message = BAD_ACTIONS[case]
+    env = begun()
+    before = snapshot(env)
+    with pytest.raises(error, match=message):
+        env.step(constant(env) | wrong)
+    assert snapshot(env) == before
+
+
+@pytest.mark.parametrize(
+    ("actions", "error", "message"),
+    [
+        ({}, ValueError, "got none for swimmer_0, swimmer_1, swimmer_2"),
+        ({"swimmer_0": 0, "swimmer_2": 1}, ValueError, "for every agent in `agents`, got none for swimmer_1"),
+        ({"swimmer_0": 0, "swimmer_1": 1, "stranger": 1}, ValueError, "got one for 'stranger'"),
+        ([0, 1, 0], TypeError, r"actions must be a dictionary from agents to actions, got \[0, 1, 0\]"),
+        (None, TypeError, "actions must be a dictionary from agents to actions, got None"),
+        (np.zeros(3, int), TypeError, "actions must be a dictionary"),
+    ],
+)
+def test_actions_for_others_than_the_agents_are_told_and_change_nothing(actions, error, message):
+    env = begun()
+    before = snapshot(env)
+    with pytest.raises(error, match=message):
+        env.step(actions)
+    assert snapshot(env) == before
+
+
+@pytest.mark.parametrize("kind", [int, np.int64, np.int32, np.uint8, np.array])
+def test_whole_numbers_of_any_kind_are_actions(kind):
+    env, plain = begun(), begun()
+    env.step({agent: kind(1) for agent in env.agents})
+    plain.step(constant(plain, 1))
+    np.testing.assert_array_equal(env.state(), plain.state())
+
+
+def test_more_curvatures_than_a_byte_holds_can_be_chosen_from():
+    env = parallel_env(1, curvatures=tuple(np.linspace(3, 5, 301)))
+    env.reset(seed=0)
+    env.step({"swimmer_0": 300})
+    assert env.state()[0, 3] == 5.0
+    with pytest.raises(ValueError, match="swimmer_0 must be a whole number from 0 to 300, got 301"):
+        env.step({"swimmer_0": 301})
+
+
+def test_actions_of_the_finished_are_missed_by_nobody():
+    env = parallel_env(2, varying_speed=True, life=3.5)
+    env.reset(seed=0)
+    while len(env.agents) == 2:
+        env.step({agent: int(agent[-1]) for agent in env.agents})
+    before = snapshot(env)
+    with pytest.raises(ValueError, match="got none for swimmer_0"):
+        env.step({"swimmer_1": 0})
+    assert snapshot(env) == before
+
+
+def test_nothing_is_possible_before_the_first_reset():
+    env = parallel_env(2)
+    for call in (lambda: env.step({}), env.state, env.render):
+        with pytest.raises(RuntimeError, match="reset must be called first"):
+            call()
+
+
+def test_a_step_after_the_end_is_told():
+    env = parallel_env(2, max_cycles=1)
+    env.reset(seed=0)
+    env.step(constant(env))
+    with pytest.raises(RuntimeError, match="every swimmer has finished; call reset"):
+        env.step({})
+    assert env.state().shape == (2, 4)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"position": np.zeros((2, 2))}, ValueError, r"finite numbers of shape \(3, 2\), got shape \(2, 2\)"),
+        ({"heading": np.zeros((3, 1))}, ValueError, r"finite numbers of shape \(3,\), got shape \(3, 1\)"),
+        (
+            {"heading": [0.0, np.nan, 1.0]},
+            ValueError,
+            r"\['heading'\] must be finite .*, got nan for swimmer_1",
+        ),
+        ({"position": np.full((3, 2), np.inf)}, ValueError, r"\['position'\] must be finite numbers"),
+        ({"position": "here"}, TypeError, r"\['position'\] must be finite numbers .*, got 'here'"),
+        ({"position": [[1, 2], [3]]}, TypeError, r"\['position'\] must be finite numbers of shape \(3, 2\)"),
+        ({"heading": [True, False, True]}, TypeError, r"\['heading'\] must be finite numbers"),
+    ],
+)
+def test_bad_poses_are_told_and_change_nothing(options, error, message):
+    env = begun()
+    before = snapshot(env)
+    with pytest.raises(error, match=message):
+        env.reset(seed=9, options=options)
+    assert snapshot(env) == before
+
+
+@pytest.mark.parametrize(
+    ("seed", "error"), [(-1, ValueError), (1.5, TypeError), ("a", TypeError), (True, TypeError)]
+)
+def test_a_bad_seed_is_told_and_changes_nothing(seed, error):
+    env = begun()
+    before = snapshot(env)
+    with pytest.raises(error, match="seed must"):
+        env.reset(seed=seed)
+    assert snapshot(env) == before
+
+
+def test_a_start_outside_the_known_part_of_a_field_is_an_error():
+    env = parallel_env(3, field=Field(inside=lambda position: position[..., 0] < 20.0))
+    env.reset(seed=0)
+    before = snapshot_of_lambdas(env)
+    with pytest.raises(ValueError, match=r"position must lie inside the domain .* got 30, 0 for cell 1"):
+        env.reset(options={"position": [(1, 0), (30, 0), (2, 0)]})
+    assert snapshot_of_lambdas(env) == before
+
+
+class Field:
+    """A field that is not a number above a height, known where `inside` says."""
+
+    gradient_scale = 1.0
+
+    def __init__(self, *, ceiling=np.inf, inside=None):
+        self.ceiling = ceiling
+        if inside is not None:
+            self.inside = inside
+
+    def concentration(self, position):
+        y = position[..., 1]
+        return np.where(y > self.ceiling, np.nan, y)
+
+
+def snapshot_of_lambdas(env):
+    return pickle.dumps((env.agents, env.state(), env.arena.state, env.arena.episode, env.arena.seed))
+
+
+def test_a_field_that_gives_nan_names_the_cell_and_changes_nothing():
+    field = Field()
+    env = parallel_env(3, field=field)
+    env.reset(seed=0, options={"position": [(0.0, 0.0), (3.0, 4.99), (0.0, 0.0)], "heading": [np.pi / 2] * 3})
+    field.ceiling = 5.0
+    before = snapshot_of_lambdas(env)
+    with pytest.raises(
+        ValueError, match=r"finite .* got concentration nan for swimmer_1 at \(2\.\d+, 5\.\d+\)"
+    ):
+        env.step(constant(env))
+    assert snapshot_of_lambdas(env) == before
+    with pytest.raises(ValueError, match="for cell 2"):
+        env.reset(options={"position": [(0.0, 0.0), (0.0, 0.0), (0.0, 7.0)]})
+    assert snapshot_of_lambdas(env) == before
+
+
+def test_huge_numbers_that_are_finite_are_no_error():
+    env = parallel_env(2, dtype="float64")
+    env.reset(seed=0, options={"position": np.full((2, 2), 1e200)})
+    env.step(constant(env))
+    assert np.isfinite(env.state()).all()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "message"),
+    [
+        ({"n_swimmers": 0}, ValueError, "n_swimmers must be a whole number of at least 1, got 0"),
+        ({"n_swimmers": 2.5}, TypeError, r"n_swimmers must be a whole number of at least 1, got 2\.5"),
+        ({"max_cycles": 0}, ValueError, "max_cycles must be a whole number of at least 1, got 0"),
+        (
+            {"render_mode": "rgb"},
+            ValueError,
+            "render_mode must be one of human, rgb_array, got 'rgb'; did you mean",
+        ),
+        (
+            {"dtype": "float16"},
+            ValueError,
+            "dtype must be one of float32, float64, got 'float16'; did you mean",
+        ),
+        ({"field": "lineer"}, ValueError, "field must be one of .* did you mean 'linear'"),
+        ({"flow": "taylorgreen"}, ValueError, "flow must be one of .* did you mean 'taylor_green'"),
+        ({"curvatures": (5.0, 3.0)}, ValueError, r"curvatures must rise and be positive, got \(5\.0, 3\.0\)"),
+        ({"life": -1.0}, ValueError, "life must be a finite number above 0"),
+        ({"sense_flow": True}, ValueError, "sense_flow needs a flow"),
+        (
+            {"concentration_noise": -0.1},
+            ValueError,
+            "concentration_noise must be a finite number of at least 0",
+        ),
+    ],
+)
+def test_wrong_parameters_are_told(wrong, error, message):
+    with pytest.raises(error, match=message):
+        parallel_env(**wrong)
+
+
+# --- one after another, copies ---
+
+
+@pytest.mark.parametrize("make", [sperm_swarm_v0.env, sperm_swarm_v0.raw_env])
+@pytest.mark.parametrize("name", PATHS)
+def test_agents_that_act_in_turn_live_the_same_lives(make, name):
+    settings = {"life": 6.0} | PATHS[name]
+    turns, together = make(4, **settings), parallel_env(4, **settings)
+    turns.reset(seed=2)
+    observations, _ = together.reset(seed=2)
+    returned = (observations, *(dict.fromkeys(together.agents, value) for value in (0, False, False)))
+    generator = np.random.default_rng(0)
+    while together.agents:
+        action = {agent: int(generator.integers(together.world.n_actions)) for agent in together.agents}
+        for agent in together.agents:
+            assert turns.agent_selection == agent
+            observation, reward, terminated, truncated, _ = turns.last()
+            np.testing.assert_array_equal(observation, returned[0][agent])
+            assert (reward, terminated, truncated) == tuple(part[agent] for part in returned[1:4])
+            turns.step(action[agent])
+        returned = together.step(action)
+        while turns.agents and (
+            turns.terminations[turns.agent_selection] or turns.truncations[turns.agent_selection]
+        ):
+            agent = turns.agent_selection
+            assert returned[2][agent] or returned[3][agent]
+            turns.step(None)
+        np.testing.assert_array_equal(turns.state(), together.state())
+    assert not turns.agents
+
+
+def test_in_turn_a_bad_action_is_refused_at_once():
+    env = sperm_swarm_v0.env(3)
+    env.reset(seed=0)
+    with pytest.raises(AssertionError, match="action is not in action space"):
+        env.step(5)
+    env.step(1)
+    assert env.agent_selection == "swimmer_1"
+
+
+def test_raw_env_becomes_the_parallel_environment_again():
+    assert isinstance(aec_to_parallel(sperm_swarm_v0.raw_env(3)), sperm_swarm_v0.SpermSwarm)
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_goes_on_like_the_original_and_apart_from_it(env, duplicate):
+    env.reset(seed=0)
+    for _ in play(env, steps=3):
+        pass
+    twin = duplicate(env)
+    ours = [(outputs[0], outputs[1]) for outputs in play(env, seed=1)]
+    theirs = [(outputs[0], outputs[1]) for outputs in play(twin, seed=1)]
+    assert len(ours) == len(theirs) > 0
+    for (observations, rewards), (others, other_rewards) in zip(ours, theirs, strict=True):
+        assert rewards == other_rewards
+        for agent, observation in observations.items():
+            np.testing.assert_array_equal(observation, others[agent])
+    env.reset()
+    twin.reset()
+    np.testing.assert_array_equal(env.state(), twin.state())
+
+
+def test_an_environment_can_be_copied_before_its_first_reset():
+    env = pickle.loads(pickle.dumps(parallel_env(2)))
+    env.reset(seed=0)
+    assert env.agents == ["swimmer_0", "swimmer_1"]
+
+
+def test_returned_arrays_belong_to_the_caller():
+    env, plain = parallel_env(2), parallel_env(2)
+    observations, _ = env.reset(seed=0)
+    plain.reset(seed=0)
+    observations["swimmer_0"][:] = 0
+    env.state()[:] = 0
+    for _ in range(3):
+        observations = env.step(constant(env))[0]
+        expected = plain.step(constant(plain))[0]
+        np.testing.assert_array_equal(observations["swimmer_1"], expected["swimmer_1"])
+        observations["swimmer_0"][:] = 7
+    np.testing.assert_array_equal(env.state(), plain.state())

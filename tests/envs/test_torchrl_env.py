@@ -1,0 +1,478 @@
+"""The TorchRL face: TorchRL's own checks, and the same lives as the PettingZoo face."""
+
+from __future__ import annotations
+
+import random
+import warnings
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.envs import PettingZooWrapper, check_env_specs
+from torchrl.modules import RandomPolicy
+
+from swarm import World, parallel_env
+from swarm.envs import torchrl as torchrl_env
+from swarm.envs.torchrl import SwarmEnv
+from swarm.physics.starts import NOISE_BLOCK
+
+GROUP = "swimmers"
+NOISE = {"concentration_noise": 0.1, "curvature_noise": 0.1, "rotational_diffusion": 0.01}
+VORTICES = {"flow": "taylor_green"}
+NEAR_EGG = {"field": "radial", "start_box": ((-2.5, 2.5), (-2.5, 2.5))}
+WORLDS = {
+    "still water": {},
+    "two records": {"n_records": 2},
+    "eight records": {"n_records": 8},
+    "vortices, felt": VORTICES | {"sense_flow": True},
+    "varying speed": {"varying_speed": True},
+    "varying speed, exact intervals": {"varying_speed": True, "interval_rule": "exact"},
+    "noise": NOISE,
+    "noise in vortices": NOISE | VORTICES | {"varying_speed": True},
+    "around an egg": NEAR_EGG,
+    "three curvatures": {"curvatures": (3.0, 4.0, 5.0)},
+}
+
+
+@pytest.fixture(params=["numpy", "torch"], autouse=True)
+def library(request, monkeypatch):
+    """What computes the decisions of few cells."""
+    if request.param == "torch":
+        monkeypatch.setattr(torchrl_env, "NUMPY_CELLS", 0)
+
+
+def environment(n_worlds=2, n_swimmers=3, life=6.0, **parameters):
+    return SwarmEnv(n_worlds, n_swimmers=n_swimmers, life=life, **parameters)
+
+
+def with_action(env, data, action):
+    data[GROUP, "action"] = torch.as_tensor(action).reshape(env.n_worlds, env.n_swimmers)
+    return data
+
+
+def random_actions(env, seed=0):
+    """Endless actions (worlds, cells)."""
+    generator = np.random.default_rng(seed)
+    while True:
+        yield generator.integers(env.world.n_actions, size=(env.n_worlds, env.n_swimmers))
+
+
+# --- TorchRL's own checks -----------------------------------------------------------------------------------
+
+
+@pytest.mark.conformance
+@pytest.mark.parametrize("parameters", WORLDS.values(), ids=WORLDS)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_torchrl_finds_the_specs_kept(parameters, dtype):
+    check_env_specs(environment(dtype=dtype, **parameters), seed=1)
+
+
+@pytest.mark.conformance
+def test_torchrl_finds_the_specs_kept_with_one_world_and_many():
+    for n_worlds in (1, 5):
+        check_env_specs(environment(n_worlds, max_cycles=4), seed=1)
+
+
+@pytest.mark.conformance
+@pytest.mark.parametrize("parameters", [{}, NEAR_EGG, {"varying_speed": True}], ids=["", "egg", "clocks"])
+def test_torchrls_wrapper_rolls_out_the_pettingzoo_face(parameters):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*PettingZoo.*")  # it was made for PettingZoo 1.24.3
+        env = PettingZooWrapper(
+            parallel_env(n_swimmers=3, life=4.0, **parameters), use_mask=True, done_on_any=False
+        )
+        data = env.rollout(20, break_when_any_done=False)
+        env.close()
+    assert data.batch_size == (20,)
+    assert data["next", "done"].any()
+    assert data["swimmer", "observation"].isfinite().all()
+
+
+@pytest.mark.parametrize("auto_reset", [True, False])
+def test_random_policies_roll_out_over_several_lives(auto_reset):
+    env = environment(max_cycles=None)
+    policy = RandomPolicy(env.full_action_spec)
+    if auto_reset:
+        data = env.rollout(40, policy, break_when_any_done=False)
+        assert data["next", "done"].sum() >= 2 * env.n_worlds
+    else:
+        data = env.rollout(40, policy)
+        assert data.batch_size[-1] == env.world.max_decisions
+    assert data[GROUP, "observation"].isfinite().all()
+
+
+# --- the same lives as the PettingZoo face ------------------------------------------------------------------
+
+
+def compare_faces(n_worlds, n_swimmers, episodes, *, max_cycles=None, **parameters):
+    """Plays both faces with the same actions and holds everything equal that they say."""
+    torchrl = SwarmEnv(
+        n_worlds, n_swimmers=n_swimmers, dtype="float64", max_cycles=max_cycles, seed=5, **parameters
+    )
+    zoo = parallel_env(n_swimmers=n_worlds * n_swimmers, max_cycles=max_cycles, **parameters)
+    generator = np.random.default_rng(0)
+    ended = set()
+    for episode in range(episodes):
+        data = torchrl.reset()
+        observations, _ = zoo.reset(seed=5 if episode == 0 else None)
+        np.testing.assert_allclose(
+            data[GROUP, "observation"].flatten(0, 1), list(observations.values()), atol=1e-5
+        )
+        while zoo.agents:
+            live = [zoo.possible_agents.index(agent) for agent in zoo.agents]
+            assert np.flatnonzero(~data[GROUP, "done"].flatten()).tolist() == live
+            action = generator.integers(torchrl.world.n_actions, size=n_worlds * n_swimmers)
+            observations, rewards, terminations, truncations, infos = zoo.step(
+                {agent: action[index] for agent, index in zip(zoo.agents, live, strict=True)}
+            )
+            data = torchrl.step(with_action(torchrl, data, action))["next"]
+            group = data[GROUP].flatten(0, 1)[live]
+            np.testing.assert_allclose(group["observation"], list(observations.values()), atol=1e-5)
+            np.testing.assert_allclose(group["reward"][:, 0], list(rewards.values()), atol=1e-5)
+            gains = [info["gain"] for info in infos.values()]
+            np.testing.assert_allclose(group["gain"][:, 0], gains, atol=1e-4)
+            assert group["terminated"][:, 0].tolist() == list(terminations.values())
+            assert group["truncated"][:, 0].tolist() == list(truncations.values())
+            ended |= {"terminated"} if any(terminations.values()) else set()
+            ended |= {"truncated"} if any(truncations.values()) else set()
+        assert data["done"].all()
+    return ended
+
+
+@pytest.mark.parametrize("parameters", WORLDS.values(), ids=WORLDS)
+def test_both_faces_live_the_same_lives(parameters):
+    ended = compare_faces(2, 3, 2, life=6.0, **parameters)
+    assert "truncated" in ended
+
+
+def test_both_faces_see_the_same_arrivals_at_the_egg():
+    assert compare_faces(2, 6, 2, life=12.0, **NEAR_EGG) == {"terminated", "truncated"}
+
+
+def test_both_faces_draw_the_same_noise_over_more_than_a_block():
+    parameters = NOISE | {"life": 0.38 * (NOISE_BLOCK + 10)}
+    assert compare_faces(1, 2, 1, **parameters) == {"truncated"}
+
+
+@pytest.mark.parametrize("max_cycles", [1, 4])
+def test_both_faces_stop_after_max_cycles(max_cycles):
+    assert compare_faces(2, 3, 2, life=20.0, max_cycles=max_cycles) == {"truncated"}
+
+
+# --- lives and masks ----------------------------------------------------------------------------------------
+
+
+def test_a_cell_that_is_done_waits_masked_until_its_world_is_done():
+    env = environment(2, 8, life=8.0, **NEAR_EGG)
+    data = env.reset()
+    waited = False
+    actions = random_actions(env)
+    while not data["done"].any():
+        before = data.clone()
+        data = env.step(with_action(env, data, next(actions)))["next"]
+        was_done = before[GROUP, "done"]
+        waited |= bool((was_done & ~before["done"][:, None]).any())
+        assert not data[GROUP, "reward"][was_done].any()
+        for flag in ("done", "terminated", "truncated"):
+            assert data[GROUP, flag][was_done].tolist() == before[GROUP, flag][was_done].tolist()
+        assert torch.equal(data[GROUP, "gain"][was_done], before[GROUP, "gain"][was_done])
+    assert waited
+
+
+def test_done_is_terminated_or_truncated_and_never_both():
+    env = environment(2, 6, life=8.0, **NEAR_EGG)
+    data = env.rollout(60, break_when_any_done=False)["next"]
+    for level in (data, data[GROUP]):
+        assert torch.equal(level["done"], level["terminated"] | level["truncated"])
+        assert not (level["terminated"] & level["truncated"]).any()
+    assert torch.equal(data["done"], data[GROUP, "done"].all(-2))
+
+
+def test_worlds_restart_one_by_one_and_the_others_go_on():
+    alone, together = environment(3, 2), environment(3, 2)
+    data, other = together.reset(), alone.reset()
+    actions = random_actions(together)
+    for _ in range(4):
+        action = next(actions)
+        data = together.step(with_action(together, data, action))["next"]
+        other = alone.step(with_action(alone, other, action))["next"]
+    mask = torch.tensor([[False], [True], [False]])
+    data = together.reset(data.set("_reset", mask))
+    untouched = [0, 2]
+    assert torch.equal(data[GROUP, "observation"][untouched], other[GROUP, "observation"][untouched])
+    assert together.episode.tolist() == [0, 1, 0]
+    action = next(actions)
+    data = together.step(with_action(together, data, action))["next"]
+    other = alone.step(with_action(alone, other, action))["next"]
+    assert torch.equal(data[GROUP, "observation"][untouched], other[GROUP, "observation"][untouched])
+    assert not torch.equal(data[GROUP, "observation"][1], other[GROUP, "observation"][1])
+
+
+@pytest.mark.parametrize("parameters", [{}, NOISE], ids=["", "noise"])
+def test_a_world_that_restarts_alone_lives_the_seeds_next_episode(parameters):
+    single, joint = environment(2, 2, **parameters), environment(2, 2, **parameters)
+    single.reset()
+    second = single.reset()
+    first = joint.reset()
+    first = joint.step(with_action(joint, first, np.zeros((2, 2), int)))["next"]
+    data = joint.reset(TensorDict({"_reset": torch.tensor([[True], [False]])}, batch_size=2))
+    assert torch.equal(data[GROUP, "observation"][0], second[GROUP, "observation"][0])
+    action = np.ones((2, 2), int)
+    data = joint.step(with_action(joint, data, action))["next"]
+    second = single.step(with_action(single, second, action))["next"]
+    assert torch.equal(data[GROUP, "observation"][0], second[GROUP, "observation"][0])
+
+
+def test_a_life_does_not_depend_on_how_many_worlds_and_cells_there_are():
+    small, large = environment(1, 3, **NOISE), environment(4, 3, **NOISE)
+    few, many = small.reset(), large.reset()
+    for action in (0, 1, 1, 0):
+        few = small.step(with_action(small, few, np.full((1, 3), action)))["next"]
+        many = large.step(with_action(large, many, np.full((4, 3), action)))["next"]
+        for name in ("observation", "reward", "gain"):
+            assert torch.allclose(few[GROUP, name][0], many[GROUP, name][0], atol=1e-5)
+
+
+def test_cells_with_different_clocks_end_at_different_steps():
+    env = environment(1, 2, life=8.0, varying_speed=True)
+    data, ends = env.reset(), {}
+    for step in range(env.world.max_decisions):
+        data = env.step(with_action(env, data, [[0, 1]]))["next"]
+        for cell in np.flatnonzero(data[GROUP, "truncated"][0, :, 0]):
+            ends.setdefault(int(cell), step + 1)
+    assert ends == {0: 24, 1: 20}  # 8 / 0.34 and 8 / 0.42, rounded up
+
+
+# --- seeds --------------------------------------------------------------------------------------------------
+
+
+def test_the_same_seed_gives_the_same_rollout_and_another_one_another():
+    env = environment(**NOISE)
+    rollouts = []
+    for seed in (3, 3, 4):
+        env.set_seed(seed)
+        torch.manual_seed(0)  # of the random actions
+        rollouts.append(env.rollout(30, break_when_any_done=False))
+    assert (rollouts[0] == rollouts[1]).all()
+    assert not torch.equal(rollouts[0][GROUP, "observation"], rollouts[2][GROUP, "observation"])
+
+
+def test_a_seed_given_at_the_start_is_the_seed_set_later():
+    early, late = environment(seed=9), environment()
+    late.set_seed(9)
+    assert torch.equal(early.reset()[GROUP, "observation"], late.reset()[GROUP, "observation"])
+
+
+def test_each_of_several_seeds_has_the_worlds_it_would_have_alone():
+    stack, alone = environment(4, 2, seeds=[7, 8], **NOISE), environment(2, 2, seed=8, **NOISE)
+    joint, single = stack.reset(), alone.reset()
+    for action in (1, 0, 1):
+        assert torch.allclose(joint[GROUP, "observation"][2:], single[GROUP, "observation"], atol=1e-5)
+        joint = stack.step(with_action(stack, joint, np.full((4, 2), action)))["next"]
+        single = alone.step(with_action(alone, single, np.full((2, 2), action)))["next"]
+
+
+def test_the_global_generators_stay_as_they_are():
+    before = random.getstate(), np.random.get_state()[1].tolist(), torch.get_rng_state()  # noqa: NPY002
+    env = environment(**NOISE)
+    env.set_seed(11)
+    env.restart()
+    for action in random_actions(env):
+        env.advance(torch.as_tensor(action))
+        if env.state.finished.all():
+            break
+    env.restart()
+    after = random.getstate(), np.random.get_state()[1].tolist(), torch.get_rng_state()  # noqa: NPY002
+    assert before[:2] == after[:2]
+    assert torch.equal(before[2], after[2])
+
+
+# --- NumPy and torch ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("parameters", WORLDS.values(), ids=WORLDS)
+def test_few_cells_live_the_lives_of_many(monkeypatch, parameters):
+    few = environment(2, 3, dtype="float64", **parameters)
+    monkeypatch.setattr(torchrl_env, "NUMPY_CELLS", 5)
+    many = environment(2, 3, dtype="float64", **parameters)
+    assert not many._in_numpy
+    torch.testing.assert_close(few.restart(), many.restart())
+    for action in random_actions(few):
+        one, other = (env.advance(torch.as_tensor(action)) for env in (few, many))
+        torch.testing.assert_close(tuple(one), tuple(other))
+        torch.testing.assert_close(few.gain(), many.gain())
+        if few.all_finished():
+            break
+    assert many.all_finished()
+    again = np.array([False, True])
+    torch.testing.assert_close(few.restart(again), many.restart(again))
+    many.load_state_dict_of_env(few.state_dict_of_env())
+    action = torch.zeros(2, 3, dtype=torch.int64)
+    torch.testing.assert_close(tuple(few.advance(action)), tuple(many.advance(action)))
+
+
+def test_only_few_cells_on_the_processor_decide_in_numpy(monkeypatch):
+    monkeypatch.setattr(torchrl_env, "NUMPY_CELLS", 6)
+    assert environment(2, 3)._in_numpy
+    assert not environment(2, 4)._in_numpy
+    assert not environment(2, 3, compile_step=True)._in_numpy
+
+
+def test_what_was_handed_out_stays_as_it_was():
+    env = environment(life=20.0, **NOISE, **VORTICES)
+    env.restart()
+    held = [(env.state, env.observation)]
+    copies = [[each.clone() for each in (*env.state, env.observation)]]
+    for action, _ in zip(random_actions(env), range(10), strict=False):
+        result = env.advance(torch.as_tensor(action))
+        held.append((env.state, *result))
+        copies.append([each.clone() for each in (*env.state, *result)])
+    env.restart()
+    for (state, *others), before in zip(held, copies, strict=True):
+        assert all(torch.equal(*pair) for pair in zip((*state, *others), before, strict=True))
+
+
+def test_a_field_may_return_what_cannot_be_written_to():
+    class Flat:
+        gradient_scale = 1.0
+
+        def concentration(self, position):
+            if isinstance(position, np.ndarray):
+                return np.broadcast_to(position.dtype.type(2.0), position.shape[:-1])
+            return position.new_full((), 2.0).expand(position.shape[:-1])
+
+    env = environment(field=Flat())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env.restart()
+        result = env.advance(torch.zeros(2, 3, dtype=torch.int64))
+        assert (env.state.start_concentration == 2.0).all()
+    assert not result.reward.any()
+    assert not env.gain().any()
+
+
+# --- arguments ----------------------------------------------------------------------------------------------
+
+
+def test_positions_are_float32_unless_float64_is_asked_for():
+    for dtype, expected in ((None, torch.float32), ("float64", torch.float64)):
+        env = environment(**({} if dtype is None else {"dtype": dtype}))
+        data = env.reset()
+        assert env.state.position.dtype == expected
+        assert data[GROUP, "observation"].dtype == torch.float32
+
+
+def test_float32_lives_stay_close_to_float64_ones():
+    single, double = environment(life=40.0), environment(life=40.0, dtype="float64")
+    one, two = single.reset(), double.reset()
+    for action in random_actions(single):
+        one = single.step(with_action(single, one, action))["next"]
+        two = double.step(with_action(double, two, action))["next"]
+        if one["done"].all():
+            break
+    assert torch.allclose(one[GROUP, "gain"], two[GROUP, "gain"], atol=1e-3)
+
+
+def test_a_world_may_be_given_whole():
+    world = World(n_records=8, life=6.0)
+    by_parts = environment(n_records=8, life=6.0)
+    given = SwarmEnv(2, n_swimmers=3, world=world)
+    assert given.world is world
+    assert torch.equal(given.reset()[GROUP, "observation"], by_parts.reset()[GROUP, "observation"])
+    with pytest.raises(TypeError, match=r"world must be given alone, got .*life"):
+        SwarmEnv(2, world=world, life=6.0)
+
+
+def test_given_poses_are_started_from():
+    env = environment(1, 2)
+    position = torch.tensor([[[1.0, 2.0], [30.0, -4.0]]])
+    env.place(position, torch.zeros(1, 2), torch.zeros(1, 2, 4, dtype=torch.int64))
+    assert torch.equal(env.state.position, position)
+
+
+def test_bad_arguments_are_named():
+    with pytest.raises(ValueError, match="did you mean 'n_records'"):
+        SwarmEnv(1, n_record=4)
+    with pytest.raises(ValueError, match="n_worlds must be a whole number of at least 1, got 0"):
+        SwarmEnv(0)
+    with pytest.raises(ValueError, match="dtype must be one of float32, float64, got 'float16'"):
+        SwarmEnv(1, dtype="float16")
+    with pytest.raises(ValueError, match="max_cycles"):
+        SwarmEnv(1, max_cycles=0)
+    with pytest.raises(
+        ValueError, match="n_worlds must be a multiple of the number of seeds, got 3 worlds and 2 seeds"
+    ):
+        SwarmEnv(3, seeds=[1, 2])
+    with pytest.raises(ValueError, match="seed must not be negative"):
+        SwarmEnv(1, seed=-1)
+    with pytest.raises(RuntimeError, match="must come before advance"):
+        SwarmEnv(1).advance(torch.zeros(1, 40, dtype=torch.int64))
+
+
+@pytest.mark.parametrize(
+    ("action", "error", "said"),
+    [
+        (torch.full((2, 3), 2), ValueError, "0 to 1 .* got 2"),
+        (torch.full((2, 3), -1), ValueError, "got -1"),
+        (torch.zeros(2, 3), TypeError, "torch.float32"),
+        (torch.full((2, 3), float("nan")), TypeError, "torch.float32"),
+    ],
+)
+def test_bad_actions_are_refused_and_change_nothing(action, error, said):
+    env = environment()
+    data = env.reset()
+    before = env.state
+    data[GROUP, "action"] = action
+    with pytest.raises(error, match=said):
+        env.step(data)
+    assert all(torch.equal(*pair) for pair in zip(env.state, before, strict=True))
+    assert env.decision.tolist() == [0, 0]
+
+
+def test_what_an_environment_holds_can_be_put_into_another():
+    parameters = NOISE | {"varying_speed": True, "interval_rule": "exact"}
+    first, second = environment(life=60.0, **parameters), environment(life=60.0, **parameters)
+    first.restart()
+    actions = [torch.as_tensor(action) for action, _ in zip(random_actions(first), range(90), strict=False)]
+    for action in actions[:70]:
+        first.advance(action)
+    second.load_state_dict_of_env(first.state_dict_of_env())
+    assert torch.equal(first.observation, second.observation)
+    for action in actions[70:]:
+        for one, other in zip(first.advance(action), second.advance(action), strict=True):
+            assert torch.equal(one, other)
+    assert torch.equal(first.restart(), second.restart())
+
+
+@pytest.mark.slow
+def test_a_compiled_environment_lives_the_same_lives():
+    plain, fast = environment(**VORTICES), environment(compile_step=True, **VORTICES)
+    plain.restart()
+    fast.restart()
+    for action in random_actions(plain):
+        one, other = plain.advance(torch.as_tensor(action)), fast.advance(torch.as_tensor(action))
+        assert torch.allclose(one.observation, other.observation, atol=1e-4)
+        assert torch.equal(one.truncated, other.truncated)
+        if plain.state.finished.all():
+            break
+
+
+def test_without_a_compiler_the_environment_goes_on_uncompiled_and_says_so(monkeypatch, capfd):
+    monkeypatch.setattr(torchrl_env, "NUMPY_CELLS", 0)  # it goes on in torch
+
+    def without_compiler(function, **options):
+        def call(*arguments):
+            raise RuntimeError("no working C++ compiler found\nand much more")
+
+        return call
+
+    monkeypatch.setattr(torch, "compile", without_compiler)
+    plain, fast = environment(**VORTICES), environment(compile_step=True, **VORTICES)
+    assert torch.equal(plain.restart(), fast.restart())
+    for action, _ in zip(random_actions(plain), range(5), strict=False):
+        one, other = plain.advance(torch.as_tensor(action)), fast.advance(torch.as_tensor(action))
+        assert torch.equal(one.observation, other.observation)
+    said = capfd.readouterr().err
+    assert said.count("torch.compile does not work here, going on without") == 1
+    assert "RuntimeError: no working C++ compiler found\n" in said

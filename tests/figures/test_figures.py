@@ -1,0 +1,194 @@
+"""Figures: what is drawn is what was swum, the same results give the same bytes, nothing global changes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import matplotlib
+import numpy as np
+import pytest
+
+from swarm import figures
+from swarm.figures.style import LOOKS, _apart, look
+from swarm.physics.motion.swimmer import Pose, swim
+from swarm.physics.world import World
+from swarm.policies.strategies import Random, Swinging
+from swarm.population.contest import population_test
+from tests.policies.test_network import make
+
+WORLDS = {
+    "linear": World(life=20),
+    "varying": World(life=20, varying_speed=True),
+    "radial": World(life=60, field="radial", varying_speed=True),
+    "flow": World(life=20, flow="taylor_green", sense_flow=True),
+    "flow and egg": World(life=20, flow="taylor_green", field="radial"),
+    "noise": World(life=20, concentration_noise=0.1, curvature_noise=0.3, rotational_diffusion=0.05),
+    "plume": World(life=20, field="gaussian_plume"),
+    "three": World(life=20, curvatures=(3.0, 4.0, 5.0)),
+}
+POLICIES = {"random": Random(), "swinging": Swinging()}
+
+
+@pytest.fixture(scope="module", params=["radial", "flow", "flow and egg", "noise", "plume", "three"])
+def lived(request):
+    world = WORLDS[request.param]
+    results = population_test(world, POLICIES, cells=4, life=world.life, limit=False)
+    return results, world
+
+
+@pytest.fixture(scope="module")
+def linear():
+    return population_test(World(), {"dqn": make()} | POLICIES, cells=4, life=20, limit=False)
+
+
+def drawings(results, world):
+    yield "centrelines", lambda: figures.centrelines(results, world)
+    yield "shifted", lambda: figures.centrelines(results, world, shifted=True, cells=2)
+    yield "gains", lambda: figures.gains(results)
+    yield "both", lambda: figures.centrelines_and_gains(results, world)
+    yield "comparison", lambda: figures.comparison(results, world, cell=1)
+    yield "plain comparison", lambda: figures.comparison(results, world, enlarged=False)
+    if world.egg is not None:
+        yield "radial", lambda: figures.radial(results, world, policy="greedy", cell=2)
+
+
+def test_every_figure_can_be_drawn_of_every_world(lived):
+    before = dict(matplotlib.rcParams)
+    for _, draw in drawings(*lived):
+        draw().draw_without_rendering()
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_figures_are_saved_as_pictures(linear, tmp_path):
+    before = dict(matplotlib.rcParams)
+    for name, draw in drawings(linear, World()):
+        figures.save(draw(), tmp_path / f"{name}.png")
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    assert dict(matplotlib.rcParams) == before
+
+
+@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
+def test_the_same_results_give_the_same_bytes(linear, tmp_path, kind):
+    for name in ("one", "two"):
+        figures.save(figures.comparison(linear, World()), tmp_path / f"{name}.{kind}")
+    assert (tmp_path / f"one.{kind}").read_bytes() == (tmp_path / f"two.{kind}").read_bytes()
+
+
+def test_another_kind_of_file_is_refused(linear, tmp_path):
+    with pytest.raises(ValueError, match=r"\.png, \.pdf or \.svg, got .*gains\.bmp"):
+        figures.save(figures.gains(linear), tmp_path / "gains.bmp")
+
+
+def test_pyplot_is_never_loaded():
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys, swarm.figures; sys.exit('matplotlib.pyplot' in sys.modules)"]
+    )
+    assert done.returncode == 0
+
+
+# --- what is drawn -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["linear", "varying", "flow"])
+def test_a_drawn_path_is_the_path_that_was_swum(name):
+    world = WORLDS[name]
+    results = population_test(world, POLICIES, cells=2, life=20, limit=False)
+    life = results.sel(policy="random").isel(cell=1)
+    alive = np.isfinite(life["time"].values)
+    time, angle, curvature = (
+        life[key].values[alive].astype(float) for key in ("time", "heading", "curvature")
+    )
+    position = life["position"].values[alive].astype(float)
+    path = figures.path_of(results, world, "random", 1, points=4)
+    assert path.shape == (4 * (len(time) - 1) + 1, 2)
+    assert np.allclose(path[::4], position, atol=1e-5)
+    heading = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    speed = np.interp(curvature, world.curvatures, world.action_speeds)
+    half = swim(Pose(position[:-1], heading[:-1]), curvature[1:], speed[1:], np.diff(time) / 2, world.flow)
+    assert np.allclose(path[2::4], half.position, atol=2e-5)
+
+
+def test_a_path_bent_by_noise_still_goes_through_every_place():
+    world = WORLDS["noise"]
+    results = population_test(world, POLICIES, cells=2, life=20, limit=False)
+    position = results["position"].sel(policy="random").isel(cell=0).values
+    path = figures.path_of(results, world, "random", 0)
+    assert np.allclose(path[::12], position[np.isfinite(position[:, 0])], atol=1e-5)
+    assert np.linalg.norm(np.diff(path, axis=0), axis=-1).max() < 2 * max(world.intervals) / 12
+
+
+def test_a_centreline_runs_through_the_centres_of_curvature(linear):
+    axes = figures.centrelines(linear, World()).axes[0]
+    drawn = [line.get_xydata()[3] for line in axes.lines if len(line.get_xydata()) > 3]
+    expected = np.concatenate([linear["centre"].sel(policy=name).values[:, 3] for name in ("dqn", "greedy")])
+    assert np.array_equal(np.unique(drawn, axis=0), np.unique(expected, axis=0))
+    styles = {line.get_linestyle() for line in axes.lines if len(line.get_xydata()) > 3}
+    assert styles == {"-", "--"}
+
+
+def test_gains_show_every_cell_the_means_and_the_limit(linear):
+    shown = linear.assign_attrs(limit=3.25)
+    axes = figures.gains(shown, policies=("dqn", "greedy")).axes[0]
+    points = np.concatenate([np.asarray(cloud.get_offsets())[:, 1] for cloud in axes.collections])
+    assert np.allclose(points, linear["gain"].sel(policy=["dqn", "greedy"]).values.ravel())
+    heights = [line.get_ydata()[0] for line in axes.lines]
+    for name in ("dqn", "greedy"):
+        assert float(linear["gain"].sel(policy=name).mean()) in heights
+    assert 3.25 in heights
+    assert any("limit\n3.25" in text.get_text() for text in axes.texts)
+
+
+def test_panels_of_a_flow_make_room_for_every_line():
+    world = WORLDS["flow"]
+    results = population_test(world, {"random": Random()}, cells=6, life=20, limit=False)
+    figure = figures.centrelines(results, world, policies=("random", "greedy"))
+    centre = results["centre"].values
+    for axes in figure.axes[:2]:
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        assert left <= np.nanmin(centre[..., 0])
+        assert np.nanmax(centre[..., 0]) <= right
+        assert bottom <= np.nanmin(centre[..., 1])
+        assert np.nanmax(centre[..., 1]) <= top
+
+
+def test_training_shows_the_mean_over_seeds_greedy_and_the_limit(tmp_path):
+    epoch, gain = np.arange(5), np.array([[0.0, 1, 2, 3, 4], [0.0, 3, 4, 5, 6]])
+    figure = figures.training(
+        {"$N_T = 2$": figures.Curve(epoch, gain, 2.5, 6.5), "$N_T = 4$": figures.Curve(epoch, gain[0])}
+    )
+    first, second = figure.axes
+    heights = [line.get_ydata() for line in first.lines]
+    assert any(np.array_equal(height, gain.mean(axis=0)) for height in heights)
+    assert {2.5, 6.5} <= {height[0] for height in heights if len(set(height)) == 1}
+    assert len(second.lines) == 1
+    figures.save(figure, tmp_path / "training.png")
+    figures.save(figures.training(figures.Curve(epoch, gain[0], 2.5)), tmp_path / "one.png")
+
+
+def test_a_noise_sweep_shows_every_level(linear, tmp_path):
+    figure = figures.noise_sweep([0.0, 0.5], [linear, linear], label="noise", policies=("dqn", "greedy"))
+    mean = float(linear["gain"].sel(policy="dqn").mean())
+    assert figure.axes[0].lines[0].get_xydata().tolist() == [[0.0, mean], [0.5, mean]]
+    figures.save(figure, tmp_path / "noise.png")
+    with pytest.raises(ValueError, match="one for each of the results, got 1 and 2"):
+        figures.noise_sweep([0.0], [linear, linear], label="noise")
+
+
+def test_an_unknown_policy_is_named(linear):
+    with pytest.raises(ValueError, match="policies must be among dqn, random, swinging, greedy, got 'blind'"):
+        figures.gains(linear, policies=("blind",))
+
+
+def test_labels_are_moved_apart_as_little_as_possible():
+    assert _apart([0.0, 5.0], 1.0) == [0.0, 5.0]
+    assert _apart([1.0, 1.0], 1.0) == pytest.approx([0.5, 1.5])
+    assert _apart([0.0, 0.1, 10.0], 1.0) == pytest.approx([-0.45, 0.55, 10.0])
+    assert _apart([1.0, 1.0, 1.0, 1.2], 1.0) == pytest.approx([-0.45, 0.55, 1.55, 2.55])
+
+
+def test_looks_differ_without_colours():
+    looks = {name: (str(each.line), each.marker) for name, each in LOOKS.items()}
+    assert looks.pop("aware") == looks["dqn"]  # the DQN of a flow
+    assert len(set(looks.values())) == len(looks)
+    assert look("somebody's").label == "somebody's"

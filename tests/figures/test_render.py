@@ -1,0 +1,332 @@
+"""Pictures show what is there, without a display."""
+
+from __future__ import annotations
+
+import copy
+import importlib.util
+
+import numpy as np
+import pytest
+
+import swarm
+from swarm.envs.gymnasium import SpermSwarmVector
+from swarm.figures import picture, scene
+from swarm.figures.scene import SIZE, Camera, Glance, Segment
+from swarm.figures.viewer import Viewer
+from swarm.physics.motion.swimmer import Pose, swim
+
+WORLDS = {
+    "linear": {},
+    "radial": {"field": "radial", "varying_speed": True},
+    "taylor_green": {"flow": "taylor_green", "sense_flow": True},
+    "float32 and noise": {"dtype": "float32", "rotational_diffusion": 0.1},
+}
+needs_pygame = pytest.mark.skipif(
+    importlib.util.find_spec("pygame") is None, reason="a window needs pygame, which is not installed"
+)
+
+
+def begun(steps=3, n_swimmers=4, **settings):
+    env = swarm.parallel_env(n_swimmers, render_mode="rgb_array", **settings)
+    env.reset(seed=0)
+    for _ in range(steps):
+        env.step(dict.fromkeys(env.agents, 1))
+    return env
+
+
+def square_of(image):
+    return image[:, :SIZE].astype(int)
+
+
+# --- the environments ---
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_rgb_array_is_a_picture(name):
+    image = begun(**WORLDS[name]).render()
+    assert image.shape == (720, 960, 3)
+    assert image.dtype == np.uint8
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 1000
+
+
+def test_a_picture_depends_on_nothing_but_what_happened():
+    first, second = begun(), begun()
+    np.testing.assert_array_equal(first.render(), second.render())
+    np.testing.assert_array_equal(first.render(), second.render())
+
+
+def test_pictures_differ_from_step_to_step_and_after_a_reset():
+    env = begun()
+    images = [env.render()]
+    env.step(dict.fromkeys(env.agents, 0))
+    images.append(env.render())
+    env.reset()
+    images.append(env.render())
+    assert len({image.tobytes() for image in images}) == 3
+
+
+def test_rendering_changes_nothing():
+    seen, unseen = begun(), swarm.parallel_env(4)
+    unseen.reset(seed=0)
+    for _ in range(3):
+        unseen.step(dict.fromkeys(unseen.agents, 1))
+    seen.render()
+    np.testing.assert_array_equal(seen.state(), unseen.state())
+
+
+def test_a_copy_without_the_past_can_be_rendered():
+    twin = copy.deepcopy(begun())
+    assert twin.render().shape == (720, 960, 3)
+
+
+def test_without_a_render_mode_a_warning_says_how_to_get_a_picture():
+    env = swarm.parallel_env(2)
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match='make the environment with render_mode="rgb_array" or "human"'):
+        assert env.render() is None
+
+
+def test_the_finished_are_shown_too():
+    env = begun(steps=2, life=0.5)
+    assert env.agents == []
+    assert env.render().shape == (720, 960, 3)
+
+
+def test_the_gymnasium_face_renders_all_its_cells_in_one_picture():
+    env = SpermSwarmVector(3, render_mode="rgb_array", life=0.5)
+    env.reset(seed=0)
+    before = env.render()
+    for _ in range(3):  # lives end and begin
+        env.step(np.ones(3, int))
+    (image,) = env.render()
+    assert image.shape == (720, 960, 3)
+    assert not np.array_equal(image, before[0])
+
+
+@needs_pygame
+def test_human_shows_a_window_also_where_there_is_no_display(monkeypatch):
+    import pygame
+
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = swarm.parallel_env(2, render_mode="human")
+    env.reset(seed=0)
+    env.step(dict.fromkeys(env.agents, 1))
+    assert env.render() is None
+    shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
+    np.testing.assert_array_equal(shown, env._viewer.picture())
+    env.close()
+    assert not pygame.display.get_init()
+    env.close()
+    env.reset()  # opens it again
+    assert pygame.display.get_init()
+    env.close()
+
+
+@needs_pygame
+def test_a_display_that_cannot_be_used_is_told(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "nonesuch")
+    with pytest.raises(OSError, match="a window needs a display, got nonesuch not available"):
+        swarm.parallel_env(2, render_mode="human").reset(seed=0)
+
+
+def test_a_missing_pygame_is_told_with_the_remedy(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    env = swarm.parallel_env(2, render_mode="human")
+    with pytest.raises(ModuleNotFoundError, match=r'needs pygame: pip install "chemoswarm\[render\]"'):
+        env.reset(seed=0)
+
+
+# --- what is where ---
+
+
+def brightest(image):
+    """Pixels (column, row) of the middle of the white that heads are painted with."""
+    rows, columns = np.nonzero((square_of(image) > 240).all(axis=-1))
+    keep = (rows < 640) | (columns > 200)  # not the scale
+    return columns[keep].mean(), rows[keep].mean()
+
+
+def test_a_swimmer_is_where_the_camera_sees_its_position():
+    env = begun(steps=0, n_swimmers=1)
+    camera = env._viewer.camera
+    x, y = env.state()[0, :2]
+    assert camera.pixels(np.array(complex(x, y))) == pytest.approx((SIZE - 1) / 2)
+    assert brightest(env.render()) == pytest.approx((359.5, 359.5), abs=1.0)
+
+
+def test_up_is_up_and_right_is_right():
+    camera = Camera(2.0, 3.0, 9.0)
+    right, up = camera.pixels(np.array([3.0 + 3.0j, 2.0 + 4.0j])) - camera.pixels(np.array(2 + 3j))
+    np.testing.assert_allclose(right, (80, 0))
+    np.testing.assert_allclose(up, (0, -80))
+
+
+def test_brighter_water_holds_more():
+    """In a linear field brightness grows upwards."""
+    image = square_of(begun(steps=0, n_swimmers=1).render())
+    rows = image[:, 600:].sum(axis=(1, 2))
+    assert rows[0] > rows[200] > rows[500] > rows[-1]
+
+
+def test_the_egg_is_drawn_where_it_is():
+    env = begun(steps=0, n_swimmers=1, field="radial", start_box=((2, 2), (0, 0)))
+    column, row = env._viewer.camera.pixels(np.array(0j)).round().astype(int)
+    image = square_of(env.render())
+    egg, water = image[row, column], image[row, column + 200]
+    assert egg[0] > egg[2] > 100  # warm
+    assert water[0] < water[2]  # cool
+
+
+def test_water_beyond_the_known_is_dark():
+    class Field(swarm.LinearField):
+        def inside(self, position):
+            return position[..., 0] < 5.0
+
+    env = begun(steps=0, n_swimmers=1, field=Field(), start_box=((4, 4), (0, 0)))
+    image = square_of(env.render())
+    edge = int(env._viewer.camera.pixels(np.array(5 + 0j))[0])
+    assert image[100, : edge - 10].mean() > 2 * image[100, edge + 10 :].mean()
+
+
+def test_the_camera_keeps_all_living_swimmers_in_view():
+    env = begun(steps=0, n_swimmers=30, start_box=((0, 40), (0, 2)))
+    for _ in range(30):
+        pixels = env._viewer.camera.pixels(env.state()[:, :2] @ [1, 1j])
+        assert ((pixels > 0) & (pixels < SIZE)).all()
+        env.step(dict.fromkeys(env.agents, 1))
+
+
+def test_a_trail_shows_where_the_swimmer_came_from():
+    env = begun(steps=8, n_swimmers=1)
+    old = begun(steps=0, n_swimmers=1)
+    places = []
+    for _ in range(8):
+        places.append(complex(*old.state()[0, :2]))
+        old.step({"swimmer_0": 1})
+    image = square_of(env.render())
+    pixels = env._viewer.camera.pixels(np.array(places[2:])).round().astype(int)
+    for column, row in pixels:
+        near = image[row - 1 : row + 2, column - 1 : column + 2].reshape(-1, 3)
+        away = image[row, 700]
+        assert (near[:, 0] - away[0]).max() > 20  # the trail is warm, the water is not
+
+
+def test_a_trail_fades():
+    env = begun(steps=scene.TRAIL, n_swimmers=1)
+    trail = env._viewer.trail
+    pixels = [env._viewer.camera.pixels(segment.start).round().astype(int)[0] for segment in trail]
+    image = square_of(env.render())
+    water = image[:, 700, 0]
+    warmth = [
+        image[row - 1 : row + 2, column - 1 : column + 2, 0].max() - water[row] for column, row in pixels
+    ]
+    assert max(warmth[:5]) < max(warmth[-8:-3])
+
+
+def test_a_new_life_leaves_its_trail_behind():
+    env = SpermSwarmVector(2, render_mode="rgb_array")
+    env.reset(seed=0)
+    for _ in range(4):
+        env.step(np.ones(2, int))
+    env.reset(options={"reset_mask": np.array([True, False])})
+    for segment in env._viewer.trail:
+        assert not segment.seen[0]
+    assert [bool(segment.seen[1]) for segment in env._viewer.trail] == [True] * 4 + [False]
+    env.reset()
+    assert not env._viewer.trail
+
+
+@pytest.mark.parametrize("turn", [1.9, 3.9, -0.3, 6.2, 0.0, 1e-6])
+def test_trails_follow_the_arcs_that_were_swum(turn):
+    start = Pose(np.array([[1.0, 2.0]]), np.array([[np.cos(0.7), np.sin(0.7)]]))
+    length = 0.38
+    kappa, one = np.array([turn / length]), np.ones(1)
+    share = np.array([0.0, 0.2, 0.5, 1.0])
+    places = [swim(start, kappa, one, one * length * part).position[0] @ [1, 1j] for part in share]
+    segment = Segment(
+        np.array([places[0]]), np.array([places[-1] - places[0]]), np.array([turn]), one, one > 0
+    )
+    np.testing.assert_allclose(segment.places(share)[0], places, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["linear", "taylor_green", "float32 and noise"])
+def test_pictures_between_two_states_lead_from_one_to_the_other(name):
+    env = begun(steps=2, n_swimmers=1, **WORLDS[name])
+    viewer = env._viewer
+    segment = viewer.trail[-1]
+    ends = segment.places(np.array([0.0, 1.0]))[0]
+    np.testing.assert_allclose(ends[1], env.state()[0, :2] @ [1, 1j], atol=1e-6)
+    turned = env.state()[0, 2] - segment.turn[0]
+    assert np.isfinite(turned)
+    first, middle, last = (viewer.picture(share) for share in (0.05, 0.5, 1.0))
+    assert len({image.tobytes() for image in (first, middle, last)}) == 3
+    np.testing.assert_array_equal(last, env.render())
+
+
+def test_a_viewer_draws_nothing_before_it_has_seen_something():
+    with pytest.raises(RuntimeError, match="follow must be given a state first"):
+        Viewer(swarm.World()).picture()
+
+
+def test_many_swimmers_are_drawn_in_reasonable_time():
+    from time import perf_counter
+
+    env = begun(steps=5, n_swimmers=1000)
+    times = []
+    for _ in range(3):
+        start = perf_counter()
+        env.render()
+        times.append(perf_counter() - start)
+    assert min(times) < 3.0
+
+
+# --- the brushes ---
+
+
+def test_colours_run_from_low_to_high():
+    image = picture.coloured(np.array([[-1.0, 0.0, 0.5, 1.0, 2.0]]), 0.0, 1.0, ("#000000", "#ffffff"))
+    np.testing.assert_allclose(image[0, 0], [0, 0, 127 / 255, 1, 1])
+
+
+def test_paint_covers_as_much_as_it_is_opaque():
+    image = np.zeros((3, 1, 3), np.float32)
+    picture.lay(image, (1.0, 0.5, 0.0), np.array([[0.0, 0.5, 1.0]]))
+    np.testing.assert_allclose(image[:, 0], [[0, 0.5, 1], [0, 0.25, 0.5], [0, 0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("span", "step"), [(1.0, 1.0), (1.9, 1.0), (2.0, 2.0), (4.9, 2.0), (0.051, 0.05), (730, 500)]
+)
+def test_steps_are_round_numbers(span, step):
+    assert picture.nice_step(span) == pytest.approx(step)
+
+
+def test_contours_lie_on_whole_multiples():
+    values = np.broadcast_to(np.linspace(0, 4, 401, dtype=np.float32), (50, 401))
+    lines = picture.contours(values, 1.0)
+    assert set(np.flatnonzero(lines[20] > 0.05)) == {0, 100, 200, 300, 400}
+
+
+def test_strokes_outside_the_picture_are_left_out():
+    places = np.array([[-5.0, 10.0], [10.0, 500.0], [10.0, 10.0]])
+    coverage = picture.strokes(places, np.ones(3), 32)
+    assert coverage[10, 10] == coverage.max()
+    assert coverage[:, 20:].max() == 0
+
+
+def test_ellipses_point_along_their_angle():
+    coverage = picture.ellipses(np.array([[16.0, 16.0]]), np.array([np.pi / 4]), 8.0, 3.0, 33)
+    assert coverage[20, 20] == 1  # to the right and down, as angles turn on a picture
+    assert coverage[12, 20] == 0
+
+
+def test_a_swimmer_heads_where_its_ellipse_points():
+    square = np.zeros((3, SIZE, SIZE), np.float32)
+    one = np.ones(1)
+    glance = Glance(np.zeros(1, complex), one * np.pi / 4, one, one, one, one < 0)
+    scene.paint_swimmers(square, glance, [], Camera(0.0, 0.0, 9.0), 1.0)
+    image = np.round(square[0])
+    assert image[356, 363] == 1  # up and to the right
+    assert image[363, 363] == 0

@@ -1,0 +1,141 @@
+"""Watching a policy: films and pages are written whole or not at all."""
+
+from __future__ import annotations
+
+import subprocess
+from importlib.util import find_spec
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+from imageio_ffmpeg import get_ffmpeg_exe
+
+from swarm.figures.film import COLOURS, FORMS
+from swarm.figures.page import page
+from swarm.figures.watch import check_target, save_page_of, states, watch
+from swarm.physics.world import World
+from swarm.policies.strategies import Greedy, Random, Swinging
+from swarm.population.contest import population_test
+from swarm.population.results import save_population
+
+
+def film_of(path, height):
+    """The pictures (pictures, height, width, 3) of a film that is `height` pixels high."""
+    if path.suffix == ".gif":
+        return np.stack(imageio.mimread(path, memtest=False, mode="RGB"))
+    command = [get_ffmpeg_exe(), "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    data = subprocess.run(command, capture_output=True, check=True).stdout
+    return np.frombuffer(data, np.uint8).reshape(-1, height, height * 4 // 3, 3)
+
+
+@pytest.mark.parametrize("suffix", FORMS)
+def test_a_film_shows_every_decision(tmp_path, suffix):
+    world, path = World(life=2.0), tmp_path / f"swim{suffix}"
+    watch("greedy", world, cells=3, out=path)
+    form = FORMS[suffix]
+    film = film_of(path, form.height)
+    assert film.shape == (1 + form.frames * world.max_decisions, form.height, form.height * 4 // 3, 3)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+def test_a_film_has_the_size_that_is_asked_for(tmp_path, suffix):
+    path = tmp_path / f"swim{suffix}"
+    watch("greedy", World(life=1.0), cells=2, out=path, size=150)
+    assert film_of(path, 150).shape[1:] == (150, 200, 3)
+
+
+def test_a_gif_of_ten_time_units_is_small_and_keeps_its_colours(tmp_path):
+    path = tmp_path / "swim.gif"
+    watch("greedy", World(life=10.0), out=path)
+    assert path.stat().st_size < 1e6
+    colours = np.unique(film_of(path, 360)[::10].reshape(-1, 3), axis=0)
+    assert 0.5 * COLOURS < len(colours) <= COLOURS
+    assert colours.min(axis=1).max() > 240  # white heads
+    assert (colours[:, 0].astype(int) - colours[:, 2]).max() > 100  # yellow trails
+
+
+@pytest.mark.parametrize("size", [89, 721, 0, -1])
+def test_a_size_that_cannot_be_drawn_is_refused_before_anything_is_drawn(tmp_path, monkeypatch, size):
+    monkeypatch.setattr("swarm.figures.viewer.Viewer.picture", lambda *_: pytest.fail("drawn"))
+    with pytest.raises(ValueError, match=rf"size must be .* (90|720).*, got {size}"):
+        watch("greedy", World(life=2.0), out=tmp_path / "swim.gif", size=size)
+
+
+@pytest.mark.parametrize("out", [None, "swim.html"])
+def test_only_films_have_a_size(tmp_path, out):
+    with pytest.raises(ValueError, match=r"size must come with a film, .*\.gif.*, got 300"):
+        check_target(out and tmp_path / out, 300)
+
+
+def test_a_video_without_its_encoder_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr("swarm.figures.film.find_spec", lambda name: None)
+    with pytest.raises(ModuleNotFoundError, match=r'pip install "chemoswarm\[video\]", or take .gif'):
+        check_target(tmp_path / "swim.mp4")
+    check_target(tmp_path / "swim.gif")
+
+
+def test_a_page_shows_the_policy(tmp_path):
+    watch("swinging", World(life=2.0), cells=3, out=tmp_path / "swim.html")
+    assert '"name": "swinging"' in (tmp_path / "swim.html").read_text(encoding="utf-8")
+
+
+def test_a_page_in_a_flow_does_not_wait_for_the_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr("swarm.population.contest._limit", lambda *_: pytest.fail("computed"))
+    watch("greedy", World(life=2.0, flow="taylor_green"), cells=3, out=tmp_path / "swim.html")
+    assert '"limit": null' in (tmp_path / "swim.html").read_text(encoding="utf-8")
+
+
+def test_a_stored_population_becomes_the_same_page(tmp_path):
+    results = population_test(World(), {"swinging": Swinging()}, cells=3, life=4.0, limit=False)
+    save_population(results, tmp_path / "population.nc")
+    save_page_of(tmp_path / "population.nc", tmp_path / "swim.html", cells=2)
+    expected = page(results, title=f"{tmp_path.name}/population.nc", cells=2)
+    assert (tmp_path / "swim.html").read_text(encoding="utf-8") == expected
+
+
+def test_a_stored_population_makes_no_film_and_no_window(tmp_path):
+    for out in (None, tmp_path / "swim.gif"):
+        with pytest.raises(ValueError, match=r"watched on a page: out must end in .html, got"):
+            save_page_of(tmp_path / "population.nc", out)
+
+
+def test_a_life_is_followed_to_its_end_with_noise():
+    world = World(life=30.0, concentration_noise=0.1)
+    seen = list(states(world, Greedy(), 3, 0))
+    assert len(seen) == world.max_decisions + 1
+    assert seen[-1].finished.all()
+
+
+def test_a_watched_life_is_the_tested_one():
+    world = World(life=30.0, concentration_noise=0.1, curvature_noise=0.1)
+    last = list(states(world, Random(), 5, 3))[-1]
+    gain = world.field.concentration(last.position) - last.start_concentration
+    tested = population_test(world, {"random": Random()}, cells=5, life=30.0, seed=3, record=False)
+    np.testing.assert_array_equal(gain, tested["gain"].sel(policy="random"))
+
+
+def test_other_endings_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"out must end in .*swim.avi"):
+        check_target(tmp_path / "swim.avi")
+
+
+def test_what_is_there_is_not_overwritten(tmp_path):
+    (tmp_path / "swim.gif").write_text("mine")
+    with pytest.raises(FileExistsError, match="must be a new file"):
+        watch("greedy", World(life=2.0), out=tmp_path / "swim.gif")
+    assert (tmp_path / "swim.gif").read_text() == "mine"
+
+
+@pytest.mark.skipif(find_spec("pygame") is None, reason="a window needs pygame, which is not installed")
+def test_without_a_display_nobody_plays_to_an_empty_room(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    with pytest.raises(OSError, match=r"a window needs a display.*--out FILE makes a film or a page"):
+        watch("greedy", World(life=2.0))
+
+
+def test_nothing_is_left_of_a_film_that_fails(tmp_path, monkeypatch):
+    monkeypatch.setattr("swarm.figures.viewer.Viewer.picture", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        watch("greedy", World(life=2.0), out=tmp_path / "swim.gif")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,480 @@
+"""Errors of parameters: each names the thing, the rule and the value."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm._support.checks import (
+    check_box,
+    check_cells,
+    check_count,
+    check_flag,
+    check_function,
+    check_methods,
+    check_name,
+    check_number,
+    check_point,
+)
+from swarm.physics.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
+from swarm.physics.flows import (
+    FunctionFlow,
+    PoiseuilleFlow,
+    ShearFlow,
+    StillWater,
+    TaylorGreen,
+    UniformFlow,
+    Vortex,
+)
+from swarm.physics.world import FIELDS, FLOWS, World
+from tests.reference import array
+
+
+def error_of(make):
+    """The error that `make` raises, or None; anything but TypeError and ValueError passes through."""
+    try:
+        make()
+    except (TypeError, ValueError) as error:
+        return error
+    return None
+
+
+ANYTHING = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.text(max_size=5),
+    st.binary(max_size=3),
+    st.complex_numbers(),
+    st.lists(st.floats(), max_size=4),
+    st.dictionaries(st.text(max_size=2), st.integers(), max_size=2),
+    st.floats(),
+    st.integers(),
+    st.builds(object),
+)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), st.booleans())
+def test_a_finite_number_is_returned_as_a_float(value, as_numpy):
+    checked = check_number("thing", np.float64(value) if as_numpy else value)
+    assert type(checked) is float
+    assert checked == value
+
+
+@given(ANYTHING)
+def test_whatever_is_no_finite_number_is_an_error_that_shows_it(value):
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        if math.isfinite(value):
+            assert check_number("thing", value) == float(value)
+            return
+        with pytest.raises(ValueError, match=r"^thing must be a finite number, got") as caught:
+            check_number("thing", value)
+    else:
+        with pytest.raises(TypeError, match=r"^thing must be a finite number, got") as caught:
+            check_number("thing", value)
+    assert str(caught.value).endswith(repr(value))
+
+
+@pytest.mark.parametrize(
+    ("bounds", "bad", "message"),
+    [
+        ({"above": 0.0}, 0.0, "thing must be a finite number above 0, got 0.0"),
+        ({"above": 0.0}, -math.inf, "thing must be a finite number above 0, got -inf"),
+        ({"at_least": 2.0}, 1.5, "thing must be a finite number of at least 2, got 1.5"),
+        ({}, 10**400, "thing must be a finite number, got 1000"),
+        ({}, math.nan, "thing must be a finite number, got nan"),
+    ],
+)
+def test_numbers_out_of_bounds_are_errors(bounds, bad, message):
+    with pytest.raises(ValueError, match=message.replace("(", r"\(")):
+        check_number("thing", bad, **bounds)
+
+
+def test_bounds_are_kept():
+    assert check_number("thing", 2, at_least=2.0) == 2.0
+    assert check_number("thing", 5e-324, above=0.0) == 5e-324
+
+
+def test_counts():
+    assert check_count("thing", np.int32(3)) == 3
+    for bad in (True, 1.0, "1", None, [1]):
+        with pytest.raises(TypeError, match="thing must be a whole number of at least 1, got"):
+            check_count("thing", bad)
+    for bad in (0, -1):
+        with pytest.raises(ValueError, match=f"thing must be a whole number of at least 1, got {bad}"):
+            check_count("thing", bad)
+    with pytest.raises(ValueError, match=f"thing must be at most {2**63 - 1}, got {10**20}"):
+        check_count("thing", 10**20)
+
+
+def test_flags():
+    assert check_flag("thing", True) is True
+    for bad in (1, 0, "yes", None):
+        with pytest.raises(TypeError, match=f"thing must be True or False, got {bad!r}"):
+            check_flag("thing", bad)
+
+
+def test_names_suggest_the_nearest():
+    known = ["linear", "radial"]
+    assert check_name("field", "radial", known) == "radial"
+    with pytest.raises(
+        ValueError, match=r"field must be one of linear, radial, got 'lineal'; did you mean 'linear'"
+    ):
+        check_name("field", "lineal", known)
+    with pytest.raises(ValueError, match=r"field must be one of linear, radial, got 'zzz'$"):
+        check_name("field", "zzz", known)
+    with pytest.raises(TypeError, match="field must be one of linear, radial, got 3"):
+        check_name("field", 3, known)
+
+
+def test_what_lacks_methods_is_told_which():
+    check_methods("flow", StillWater(), ["velocity", "spin"], ["speed_scale"])
+    with pytest.raises(TypeError, match=r"flow must have spin\(position\), speed_scale, got <object"):
+        check_methods("flow", object(), ["spin"], ["speed_scale"])
+    with pytest.raises(TypeError, match=r"must be an object, not a class.*did you mean StillWater\(\)"):
+        check_methods("flow", StillWater, ["velocity", "spin"], ["speed_scale"])
+
+
+def test_functions_points_and_boxes():
+    assert check_function("thing", len) is len
+    assert check_point("thing", [1, np.float32(2)]) == (1.0, 2.0)
+    assert check_box("thing", [[0, 1], (2, 2)]) == ((0.0, 1.0), (2.0, 2.0))
+    for bad in (3, [1, 2], ((0, 1), (2, 1)), ((0, 1),), ((0, math.nan), (0, 1)), ((0, 1, 2), (0, 1)), "ab"):
+        with pytest.raises(ValueError, match=r"thing must be \(\(x_low, x_high\), \(y_low, y_high\)\)"):
+            check_box("thing", bad)
+
+
+def test_the_first_bad_cell_is_named(xp):
+    good = array(xp, [[True, True, True], [True, False, False]])
+    value = array(xp, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    with pytest.raises(ValueError, match=r"^thing must be good, got 5 for cell 1$"):
+        check_cells("thing", "be good", value, good)
+    check_cells("thing", "be good", value, array(xp, np.ones((2, 3), bool)))
+
+
+# --- the parameters of a world ---------------------------------------------------------------------------
+
+NUMBERS = {
+    "life": "above 0",
+    "speed": "above 0",
+    "time_step": "above 0",
+    "concentration_noise": "of at least 0",
+    "curvature_noise": "of at least 0",
+    "rotational_diffusion": "of at least 0",
+}
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@given(value=ANYTHING)
+def test_any_value_of_a_number_makes_a_world_or_a_clear_error(name, value):
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    error = error_of(lambda: World(**{name: value}))
+    if error is None:
+        assert number
+        assert getattr(World(**{name: value}), name) == float(value)
+    elif number:
+        assert isinstance(error, ValueError)
+        assert name in str(error)
+    else:
+        assert isinstance(error, TypeError)
+        assert str(error) == f"{name} must be a finite number {NUMBERS[name]}, got {value!r}"
+
+
+@pytest.mark.parametrize("name", ["n_records", "sense_flow", "varying_speed", "interval_rule", "start_box"])
+@given(value=ANYTHING)
+def test_any_value_of_another_parameter_makes_a_world_or_an_error_that_names_it(name, value):
+    error = error_of(lambda: World(**{name: value}))
+    assert error is None or name in str(error)
+
+
+@pytest.mark.parametrize("name", ["field", "flow"])
+@given(value=ANYTHING)
+def test_what_is_no_field_or_flow_is_an_error(name, value):
+    with pytest.raises((TypeError, ValueError), match=f"^{name} must "):
+        World(**{name: value})
+
+
+@given(st.lists(st.one_of(st.floats(), st.floats(0.1, 10.0), st.integers(-3, 8)), max_size=5))
+def test_curvatures_rise_evenly_or_are_an_error(values):
+    error = error_of(lambda: World(curvatures=tuple(values)))
+    if error is None:
+        curvatures = World(curvatures=tuple(values)).curvatures
+        assert len(curvatures) >= 2
+        assert curvatures[0] > 0
+        np.testing.assert_allclose(np.diff(curvatures), np.diff(curvatures)[0], rtol=1e-6)
+    else:
+        assert isinstance(error, ValueError)
+        assert any(word in str(error) for word in ("curvature", "κ̄"))
+
+
+class Still(UniformFlow):
+    """A flow with scales of its own."""
+
+    def __init__(self, speed_scale, spin_scale, length_unit=None):
+        super().__init__()
+        for name, value in (("length_unit", length_unit), ("spin_scale", spin_scale)):
+            object.__setattr__(self, name, value)
+        self.__dict__["speed"] = speed_scale
+
+    @property
+    def speed_scale(self):
+        return self.__dict__.get("speed", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"curvatures": (5.0, 3.0)}, r"curvatures must rise and be positive, got \(5\.0, 3\.0\)"),
+        ({"curvatures": (3.0, 3.0)}, r"curvatures must rise and be positive, got \(3\.0, 3\.0\)"),
+        ({"curvatures": (-1.0, 3.0)}, r"curvatures must rise and be positive, got \(-1\.0, 3\.0\)"),
+        ({"curvatures": (1.0, 2.0, 4.0)}, r"curvatures must be evenly spaced, got \(1\.0, 2\.0, 4\.0\)"),
+        ({"curvatures": (3.0,)}, r"curvatures must be two or more numbers, got \(3\.0,\)"),
+        ({"curvatures": 3.0}, r"curvatures must be two or more numbers, got 3\.0"),
+        ({"curvatures": (3.0, math.nan)}, "curvatures must be a finite number, got nan"),
+        ({"curvatures": (0.0, 3.0)}, r"curvatures must rise and be positive, got \(0\.0, 3\.0\)"),
+        ({"curvatures": (0.001, 0.002, 0.0030001)}, "curvatures must be evenly spaced, got"),
+        ({"curvatures": "35"}, r"curvatures must be two or more numbers, got '35'"),
+        ({"speeds": (1.0,)}, r"speeds must be two positive numbers, got \(1\.0,\)"),
+        ({"speeds": (1.0, -1.0)}, r"speeds must be two positive numbers, got \(1\.0, -1\.0\)"),
+        ({"speeds": 1.0}, r"speeds must be two positive numbers, got 1\.0"),
+        ({"n_records": 1}, "n_records must be a whole number of at least 2, got 1"),
+        ({"n_records": 4.0}, r"n_records must be a whole number of at least 2, got 4\.0"),
+        ({"n_records": 100}, "n_records must leave at least one time_step per decision.*got n_records = 100"),
+        ({"time_step": 1.0}, "n_records must leave at least one time_step per decision.*time_step = 1"),
+        ({"time_step": 1e-9}, "time_step must leave at most 10000 steps per decision, got time_step = 1e-09"),
+        ({"time_step": 5e-324}, "time_step must leave at most 10000 steps per decision"),
+        ({"life": 1e30}, r"life must be at most 2\^30 ticks of 0\.02, got 1e\+30"),
+        ({"life": 3e7}, r"life must be at most 2\^30 ticks of 0\.02, got 3e\+07"),
+        (
+            {"speed": 1e-300},
+            r"mean curvature × speed must lie between 1e-9 and 1e9 .*, got \(4e-300, 4e-300\)",
+        ),
+        ({"speed": 1e300}, r"mean curvature × speed must lie between 1e-9 and 1e9 .*, got \(4e\+300, "),
+        (
+            {"interval_rule": "exakt"},
+            "interval_rule must be one of exact, truncated, got 'exakt'; did you mean 'exact'",
+        ),
+        ({"field": "lineer"}, "field must be one of .*linear.*, got 'lineer'; did you mean 'linear'"),
+        ({"flow": "taylor-green"}, "flow must be one of .*, got 'taylor-green'; did you mean 'taylor_green'"),
+        ({"field": LinearField}, r"field must be an object, not a class.*did you mean LinearField\(\)"),
+        (
+            {"flow": LinearField()},
+            r"flow must have velocity\(position\), spin\(position\), speed_scale, spin_scale",
+        ),
+        ({"field": TaylorGreen()}, r"field must have concentration\(position\), gradient_scale"),
+        (
+            {"sense_flow": True},
+            "sense_flow needs a flow with speed_scale and spin_scale above 0.*got speed_scale 0",
+        ),
+        ({"sense_flow": True, "flow": Still(0.1, 0.0)}, "sense_flow needs .*got .*0.1 and spin_scale 0"),
+        (
+            {"sense_flow": True, "flow": Still(0.0, 0.1)},
+            "sense_flow needs .*got speed_scale 0 and spin_scale 0.1",
+        ),
+        (
+            {"flow": TaylorGreen(speed_scale=1e3, wavenumber=1e3)},
+            "flow must vary slowly enough to be followed",
+        ),
+        ({"sense_flow": 1}, "sense_flow must be True or False, got 1"),
+        ({"start_box": ((1.0, 0.0), (0.0, 1.0))}, "start_box must be .*low <= high, got"),
+    ],
+)
+def test_an_error_names_the_parameter_the_rule_and_the_value(parameters, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        World(**parameters)
+
+
+class Odd(RadialField):
+    """A field whose further attributes are what a test says."""
+
+    max_gradient = 1.0
+
+    def __init__(self, **options):
+        super().__init__()
+        for name, value in options.items():
+            object.__setattr__(self, name, value)
+
+
+@pytest.mark.parametrize("option", ["speed_scale", "spin_scale", "max_speed", "max_spin", "max_shear"])
+def test_a_flow_with_wrong_attributes_is_an_error(option):
+    class Current:
+        speed_scale = spin_scale = max_speed = max_spin = max_shear = 0.1
+
+        def velocity(self, position):
+            return 0.1 + 0.0 * position
+
+        def spin(self, position):
+            return 0.0 * position[..., 0]
+
+    World(flow=Current())
+    setattr(Current, option, -1.0)
+    with pytest.raises(ValueError, match=rf"^flow\.{option} must be a finite number of at least 0, got -1"):
+        World(flow=Current())
+    setattr(Current, option, "fast")
+    with pytest.raises(
+        TypeError, match=rf"^flow\.{option} must be a finite number of at least 0, got 'fast'"
+    ):
+        World(flow=Current())
+
+
+def test_the_period_of_a_flow_is_a_positive_length():
+    class Odd(TaylorGreen):
+        period = 0.0
+
+    with pytest.raises(ValueError, match=r"flow\.period must be a finite number above 0, got 0"):
+        World(flow=Odd())
+
+
+def test_an_egg_without_a_position_lies_at_the_origin():
+    class Nest:
+        gradient_scale = 1.0
+        egg_radius = 0.5
+
+        def concentration(self, position):
+            return position[..., 1]
+
+    assert World(field=Nest()).egg == ((0.0, 0.0), 0.5)
+
+
+def test_a_world_of_lists_is_the_world_of_tuples():
+    lists = World(curvatures=[3, 5], speeds=[1.2, 0.8], start_box=[[0, 1], [2, 3]])
+    tuples = World(curvatures=(3.0, 5.0), speeds=(1.2, 0.8), start_box=((0.0, 1.0), (2.0, 3.0)))
+    assert lists == tuples
+    assert hash(lists) == hash(tuples)
+
+
+def test_a_field_and_a_flow_must_measure_in_the_same_unit():
+    class Height(LinearField):
+        length_unit = "mm"
+
+    flow = {unit: Still(0.1, 0.1, unit) for unit in ("mm", "m", None)}
+    for unit in ("mm", None):
+        World(field=Height(), flow=flow[unit])
+    World(flow=flow["m"])
+    with pytest.raises(ValueError, match=r"positions in the same unit, got \['m', 'mm'\]"):
+        World(field=Height(), flow=flow["m"])
+
+
+def test_a_life_may_be_as_long_as_its_ticks_can_be_counted():
+    assert World(life=2e7).life_ticks == 10**9
+
+
+def test_parameters_of_a_world_are_kept_as_plain_numbers():
+    world = World(n_records=np.int64(4), life=np.float32(3), speed=1)
+    assert type(world.n_records) is int
+    assert type(world.life) is type(world.speed) is float
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"gradient_scale": 0.0}, r"field\.gradient_scale must be a finite number above 0, got 0"),
+        ({"max_gradient": -1.0}, r"field\.max_gradient must be a finite number of at least 0, got -1"),
+        ({"egg_radius": -1.0}, r"field\.egg_radius must be a finite number above 0, got -1"),
+        ({"egg_position": (1.0,)}, r"field\.egg_position must be two finite numbers"),
+        ({"inside": 3}, r"field\.inside must be a function of positions"),
+        ({"box": ((0, 1), (1, 0))}, r"field\.box must be .*low <= high"),
+    ],
+)
+def test_a_field_with_wrong_attributes_is_an_error(options, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        World(field=Odd(**options))
+
+
+def test_replace_checks_again_and_suggests_parameters():
+    assert World().replace(life=7).life == 7.0
+    with pytest.raises(ValueError, match=r"^parameter must be one of .*'lifes'; did you mean 'life'"):
+        World().replace(lifes=7)
+    with pytest.raises(ValueError, match="life must be a finite number above 0, got -1"):
+        World().replace(life=-1)
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("flow", FLOWS)
+def test_every_name_makes_a_world(field, flow):
+    world = World(field=field, flow=flow)
+    assert type(world.field) is FIELDS[field]
+    assert type(world.flow) is FLOWS[flow]
+
+
+# --- the parameters of fields and flows --------------------------------------------------------------------
+
+
+def height(position):
+    return position[..., 1]
+
+
+POSITIVE = [
+    (LinearField, {}, ["gradient_scale"]),
+    (RadialField, {}, ["gradient_scale", "egg_radius"]),
+    (GaussianPlume, {}, ["gradient_scale", "width", "egg_radius"]),
+    (DiffusingSource, {}, ["gradient_scale", "distance", "core", "egg_radius"]),
+    (
+        FunctionField,
+        {"function": height, "gradient_scale": 2.0},
+        ["gradient_scale", "max_gradient", "egg_radius"],
+    ),
+    (TaylorGreen, {}, ["speed_scale", "wavenumber"]),
+    (ShearFlow, {}, ["speed_scale", "height"]),
+    (PoiseuilleFlow, {}, ["speed_scale"]),
+    (Vortex, {}, ["speed_scale", "core"]),
+    (
+        FunctionFlow,
+        {"function": height, "speed_scale": 1.0, "spin_scale": 1.0},
+        ["speed_scale", "spin_scale", "period"],
+    ),
+]
+CASES = [(kind, given, name) for kind, given, names in POSITIVE for name in names]
+
+
+@pytest.mark.parametrize(("kind", "given", "name"), CASES, ids=lambda v: getattr(v, "__name__", str(v))[:20])
+def test_every_scale_and_length_of_a_part_is_a_positive_number(kind, given, name):
+    part = kind(**{**given, name: np.float32(0.125)})
+    assert getattr(part, name) == 0.125
+    assert type(getattr(part, name)) is float
+    for value in (0, 0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match=f"^{name} must be a finite number above 0, got {value}"):
+            kind(**{**given, name: value})
+    for value in ("1", [1.0], True):
+        with pytest.raises(TypeError, match=f"^{name} must be a finite number above 0, got"):
+            kind(**{**given, name: value})
+
+
+@pytest.mark.parametrize("kind", [LinearField, RadialField, GaussianPlume, DiffusingSource])
+def test_every_offset_is_a_finite_number(kind):
+    assert kind(offset=-3).offset == -3.0
+    assert type(kind(offset=-3).offset) is float
+    with pytest.raises(ValueError, match=r"^offset must be a finite number, got nan"):
+        kind(offset=math.nan)
+
+
+@pytest.mark.parametrize("name", ["max_speed", "max_spin"])
+def test_bounds_of_a_function_flow_may_be_zero(name):
+    given = {"function": height, "speed_scale": 1.0, "spin_scale": 1.0}
+    assert getattr(FunctionFlow(**given, **{name: 0}), name) == 0.0
+    with pytest.raises(ValueError, match=f"^{name} must be a finite number of at least 0, got -1"):
+        FunctionFlow(**given, **{name: -1})
+
+
+@pytest.mark.parametrize(
+    ("kind", "given"),
+    [
+        (FunctionField, {"function": height, "gradient_scale": 1.0}),
+        (FunctionFlow, {"function": height, "speed_scale": 1.0, "spin_scale": 1.0}),
+    ],
+)
+def test_functions_and_boxes_of_function_parts_are_checked(kind, given):
+    assert kind(**given, box=[[0, 1], [2, 3]]).box == ((0.0, 1.0), (2.0, 3.0))
+    assert kind(**given, inside=height).inside is height
+    with pytest.raises(ValueError, match=r"^box must be \(\(x_low"):
+        kind(**given, box=[[1, 0], [2, 3]])
+    with pytest.raises(TypeError, match=r"^inside must be a function of positions .* got 3"):
+        kind(**given, inside=3)
+    with pytest.raises(TypeError, match=r"^function must be a function of positions .* got None"):
+        kind(**{**given, "function": None})
+    if kind is FunctionFlow:
+        with pytest.raises(TypeError, match=r"^spin_function must be a function of positions .* got 3"):
+            kind(**given, spin_function=3)

@@ -1,0 +1,146 @@
+"""Built-in fields: what they compute and the bounds they promise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from swarm.physics.fields import (
+    DiffusingSource,
+    Field,
+    FunctionField,
+    GaussianPlume,
+    LinearField,
+    RadialField,
+)
+from tests.reference import array, to_numpy
+
+FIELDS = [
+    LinearField(),
+    LinearField(gradient_scale=2.5, offset=-1.0),
+    RadialField(),
+    RadialField(gradient_scale=0.5, offset=3.0, egg_radius=0.2),
+    GaussianPlume(),
+    GaussianPlume(gradient_scale=3.0, width=2.0, offset=1.0, egg_position=(4.0, -2.0), egg_radius=None),
+    DiffusingSource(),
+    DiffusingSource(gradient_scale=0.1, distance=5.0, core=2.0, offset=7.0, egg_position=(1.0, 1.0)),
+    FunctionField(lambda r: 3.0 * r[..., 0] + 1.0, gradient_scale=3.0, max_gradient=3.0),
+]
+
+
+def gradient(field, position, step=1e-5):
+    """Gradient (..., 2) by central differences."""
+    shifts = step * np.eye(2)
+    return np.stack(
+        [
+            (field.concentration(position + s) - field.concentration(position - s)) / (2 * step)
+            for s in shifts
+        ],
+        axis=-1,
+    )
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=lambda field: type(field).__name__)
+def test_a_field_keeps_the_shape_and_dtype_of_positions(xp, field):
+    assert isinstance(field, Field)
+    for dtype in (xp.float32, xp.float64):
+        for shape in ((), (3,), (2, 3), (0,)):
+            concentration = field.concentration(array(xp, np.full((*shape, 2), 1.5), dtype))
+            assert concentration.shape == shape
+            assert concentration.dtype == dtype
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=lambda field: type(field).__name__)
+def test_no_gradient_is_steeper_than_the_stated_bound(field):
+    places = np.random.default_rng(0).normal(0, 10, (4000, 2))
+    steepest = np.linalg.norm(gradient(field, places), axis=-1).max()
+    assert steepest <= field.max_gradient * (1 + 1e-6)
+    assert steepest > 0.7 * field.max_gradient
+
+
+def test_the_linear_field_rises_along_y(xp):
+    c = LinearField(gradient_scale=2.0, offset=3.0).concentration(array(xp, [[5.0, 0.0], [-1.0, 2.0]]))
+    np.testing.assert_array_equal(to_numpy(c), [3.0, 7.0])
+
+
+def test_the_radial_field_falls_with_the_distance(xp):
+    c = RadialField(gradient_scale=2.0, offset=30.0).concentration(array(xp, [[3.0, 4.0], [0.0, 0.0]]))
+    np.testing.assert_allclose(to_numpy(c), [20.0, 30.0], rtol=1e-15)
+
+
+def test_the_gaussian_plume_is_steepest_at_its_width():
+    field = GaussianPlume(gradient_scale=2.0, width=3.0, egg_position=(1.0, 2.0))
+    at_width = gradient(field, np.array([[1.0 + 3.0 / math.sqrt(2), 2.0 - 3.0 / math.sqrt(2)]]))
+    np.testing.assert_allclose(np.linalg.norm(at_width), 2.0, rtol=1e-9)
+    np.testing.assert_allclose(field.concentration(np.array([1.0, 2.0])), field.amplitude)
+    np.testing.assert_allclose(field.concentration(np.array([100.0, 100.0])), field.offset, atol=1e-12)
+
+
+def test_the_diffusing_source_has_its_typical_gradient_at_the_stated_distance():
+    field = DiffusingSource(gradient_scale=0.7, distance=6.0, core=1.5, offset=2.0, egg_position=(1.0, 0.0))
+    np.testing.assert_allclose(gradient(field, np.array([[1.0, 6.0]])), [[0.0, -0.7]], atol=1e-8)
+    # far away c − c₀ = s/r, which solves the diffusion equation in three dimensions
+    far = field.concentration(np.array([[1001.0, 0.0], [2001.0, 0.0]])) - 2.0
+    np.testing.assert_allclose(far[0] / far[1], 2.0, rtol=1e-5)
+
+
+def test_a_plain_function_is_a_field():
+    field = FunctionField(lambda r: r[..., 0] ** 2, gradient_scale=1.0)
+    np.testing.assert_array_equal(field.concentration(np.array([[3.0, 1.0]])), [9.0])
+    assert field.max_gradient is None
+    assert field.egg_radius is None
+
+
+@pytest.mark.parametrize("field", [LinearField, RadialField, GaussianPlume, DiffusingSource])
+@pytest.mark.parametrize("scale", [0.0, -1.0, math.nan, math.inf, 10**400])
+def test_a_typical_gradient_that_is_not_positive_is_an_error(field, scale):
+    with pytest.raises(ValueError, match="gradient_scale must be a finite number above 0, got"):
+        field(gradient_scale=scale)
+
+
+@pytest.mark.parametrize(
+    ("field", "name"),
+    [
+        (RadialField, "egg_radius"),
+        (GaussianPlume, "width"),
+        (DiffusingSource, "core"),
+        (DiffusingSource, "distance"),
+    ],
+)
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_lengths_that_are_not_positive_are_errors(field, name, value):
+    with pytest.raises(ValueError, match=f"{name} must be a finite number above 0, got"):
+        field(**{name: value})
+
+
+@pytest.mark.parametrize("value", ["1", None, 1j, [1.0], True])
+def test_a_parameter_of_the_wrong_type_is_an_error(value):
+    for field in (LinearField, RadialField, GaussianPlume, DiffusingSource):
+        with pytest.raises(TypeError, match="gradient_scale must be a finite number above 0, got"):
+            field(gradient_scale=value)
+
+
+@pytest.mark.parametrize("value", [1.0, (1.0,), (1.0, 2.0, 3.0), (1.0, math.inf), ("x", "y"), None])
+def test_an_egg_must_lie_somewhere(value):
+    with pytest.raises(
+        (TypeError, ValueError), match=r"egg_position must be two finite numbers \(x, y\), got"
+    ):
+        GaussianPlume(egg_position=value)
+
+
+def test_a_field_from_something_that_is_no_function_is_an_error():
+    with pytest.raises(TypeError, match="function must be a function of positions"):
+        FunctionField(3.0, gradient_scale=1.0)
+    with pytest.raises(TypeError, match="inside must be a function of positions"):
+        FunctionField(lambda r: r[..., 0], gradient_scale=1.0, inside=(0, 1))
+    with pytest.raises(ValueError, match="box must be"):
+        FunctionField(lambda r: r[..., 0], gradient_scale=1.0, box=((1, 0), (0, 1)))
+
+
+def test_parameters_are_kept_as_plain_floats(xp):
+    # a NumPy float64 would turn float32 arrays into float64 ones, and torch tensors into NumPy arrays
+    field = LinearField(gradient_scale=np.float64(2.0), offset=np.int64(3))
+    assert type(field.gradient_scale) is type(field.offset) is float
+    assert field.concentration(array(xp, [[0.0, 1.0]], xp.float32)).dtype == xp.float32

@@ -1,0 +1,191 @@
+"""Built-in flows: spin is half the vorticity, no water is made, and bounds hold."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from swarm.physics.flows import (
+    Flow,
+    FunctionFlow,
+    PoiseuilleFlow,
+    ShearFlow,
+    StillWater,
+    TaylorGreen,
+    UniformFlow,
+    Vortex,
+)
+from swarm.physics.motion.swimmer import velocity_and_spin
+from tests.reference import array, to_numpy
+
+WRITTEN_OUT = Vortex(speed_scale=0.2, core=3.0)
+FLOWS = [
+    StillWater(),
+    TaylorGreen(),
+    TaylorGreen(speed_scale=0.7, wavenumber=1.3),
+    UniformFlow((0.3, -0.4)),
+    ShearFlow(speed_scale=0.2, height=4.0),
+    PoiseuilleFlow(speed_scale=0.3, walls=(-40.0, 40.0)),
+    Vortex(),
+    Vortex(speed_scale=0.4, core=1.0, centre=(-2.0, 3.0), clockwise=True),
+    FunctionFlow(
+        WRITTEN_OUT.velocity,
+        WRITTEN_OUT.speed_scale,
+        WRITTEN_OUT.spin_scale,
+        max_speed=WRITTEN_OUT.max_speed,
+        max_spin=WRITTEN_OUT.max_spin,
+    ),
+]
+
+
+def jacobian(flow, position, step=1e-5):
+    """∂u_i/∂x_j (..., i, j) by central differences."""
+    columns = [
+        (flow.velocity(position + s) - flow.velocity(position - s)) / (2 * step) for s in step * np.eye(2)
+    ]
+    return np.stack(columns, axis=-1)
+
+
+@pytest.fixture
+def places():
+    return np.random.default_rng(0).normal(3, 8, (1000, 2))
+
+
+@pytest.mark.parametrize("flow", FLOWS, ids=lambda flow: type(flow).__name__)
+def test_a_flow_keeps_the_shape_and_dtype_of_positions(xp, flow):
+    assert isinstance(flow, Flow)
+    for dtype in (xp.float32, xp.float64):
+        for shape in ((), (3,), (2, 3), (0,)):
+            position = array(xp, np.full((*shape, 2), 1.5), dtype)
+            velocity, spin = flow.velocity(position), flow.spin(position)
+            assert velocity.shape == position.shape
+            assert spin.shape == shape
+            assert velocity.dtype == spin.dtype == dtype
+
+
+@pytest.mark.parametrize("flow", FLOWS, ids=lambda flow: type(flow).__name__)
+def test_spin_is_half_the_vorticity_counter_clockwise(xp, flow, places):
+    slope = jacobian(flow, places)
+    half_vorticity = 0.5 * (slope[:, 1, 0] - slope[:, 0, 1])
+    spin = to_numpy(flow.spin(array(xp, places)))
+    np.testing.assert_allclose(spin, half_vorticity, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("flow", FLOWS, ids=lambda flow: type(flow).__name__)
+def test_the_flow_is_incompressible(flow, places):
+    np.testing.assert_allclose(np.trace(jacobian(flow, places), axis1=1, axis2=2), 0, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("flow", FLOWS, ids=lambda flow: type(flow).__name__)
+def test_speed_and_spin_stay_within_the_stated_bounds(flow, places):
+    places = np.concatenate([places, places * 0.01, [[5.0, 5.0], [-2.0, 3.0], [0.0, 0.0]]])
+    if getattr(flow, "max_speed", None) is not None:
+        assert np.linalg.norm(flow.velocity(places), axis=-1).max() <= flow.max_speed * (1 + 1e-12)
+    assert np.abs(flow.spin(places)).max() <= flow.max_spin * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("flow", FLOWS, ids=lambda flow: type(flow).__name__)
+def test_velocity_and_spin_at_one_go_are_the_same(xp, flow, places):
+    position = array(xp, places)
+    x, y, spin = velocity_and_spin(flow, position[..., 0], position[..., 1])
+    np.testing.assert_allclose(
+        np.stack([x, y], axis=-1), to_numpy(flow.velocity(position)), rtol=0, atol=1e-14
+    )
+    np.testing.assert_allclose(to_numpy(spin), to_numpy(flow.spin(position)), rtol=0, atol=1e-14)
+
+
+def test_taylor_green_is_that_of_the_paper(xp, places):
+    flow = TaylorGreen()
+    x, y = (math.pi / 10 * places).T
+    velocity = 0.1 * np.stack([np.cos(x) * np.sin(y), -np.sin(x) * np.cos(y)], axis=-1)
+    spin = -0.1 * math.pi / 10 * np.cos(x) * np.cos(y)
+    np.testing.assert_allclose(to_numpy(flow.velocity(array(xp, places))), velocity, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(to_numpy(flow.spin(array(xp, places))), spin, rtol=0, atol=1e-16)
+
+
+def test_taylor_green_repeats_after_its_period(places):
+    flow = TaylorGreen()
+    shifted = places + flow.period * np.array([2, -3])
+    np.testing.assert_allclose(flow.velocity(shifted), flow.velocity(places), rtol=0, atol=1e-14)
+
+
+def test_shear_has_its_speed_at_the_stated_height(xp):
+    flow = ShearFlow(speed_scale=0.2, height=4.0)
+    np.testing.assert_allclose(to_numpy(flow.velocity(array(xp, [[7.0, 4.0]]))), [[0.2, 0.0]], rtol=1e-15)
+
+
+def test_poiseuille_stands_still_at_the_walls_and_is_known_between_them(xp):
+    flow = PoiseuilleFlow(speed_scale=0.3, walls=(2.0, 6.0))
+    position = array(xp, [[0.0, 2.0], [1.0, 4.0], [0.0, 6.0], [0.0, 6.1], [0.0, 1.0]])
+    expected = [[0.0, 0.0], [0.3, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]
+    np.testing.assert_allclose(to_numpy(flow.velocity(position)), expected, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(to_numpy(flow.inside(position)), [True, True, True, False, False])
+    np.testing.assert_allclose(to_numpy(flow.spin(position))[:3], [-0.15, 0.0, 0.15], rtol=1e-15)
+
+
+def test_a_vortex_turns_like_a_solid_body_inside_and_falls_as_one_over_r_outside():
+    flow = Vortex(speed_scale=0.2, core=2.0, centre=(1.0, 2.0))
+    near, far = np.array([[1.01, 2.0]]), np.array([[1.0, 102.0], [1.0, 202.0]])
+    np.testing.assert_allclose(flow.velocity(near), [[0.0, 0.01 * flow.spin_scale]], rtol=1e-4, atol=1e-15)
+    speeds = np.linalg.norm(flow.velocity(far), axis=-1)
+    np.testing.assert_allclose(speeds[0], 2 * speeds[1], rtol=1e-12)
+    radii = np.linspace(0.01, 10, 100_001)
+    speeds = np.linalg.norm(flow.velocity(np.stack([1 + radii, np.full_like(radii, 2.0)], axis=-1)), axis=-1)
+    np.testing.assert_allclose(speeds.max(), 0.2, rtol=1e-8)
+    np.testing.assert_allclose(radii[speeds.argmax()], 1.120906 * 2.0, rtol=1e-3)
+    nearest = flow.velocity(np.array([[1.0 + 1e-7, 2.0], [1.0, 2.0]]))
+    np.testing.assert_allclose(nearest, [[0.0, 1e-7 * flow.spin_scale], [0.0, 0.0]], rtol=1e-6, atol=1e-20)
+
+
+def test_the_sense_of_a_vortex_can_be_turned_round(places):
+    turned, usual = Vortex(clockwise=True), Vortex()
+    np.testing.assert_array_equal(turned.velocity(places), -usual.velocity(places))
+    np.testing.assert_array_equal(turned.spin(places), -usual.spin(places))
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [("float64", 1e-10), ("float32", 1e-4)])
+@pytest.mark.parametrize("wavenumber", [0.1, 0.8, 20.0])
+def test_the_spin_of_a_plain_function_is_found_by_differences(xp, places, dtype, tolerance, wavenumber):
+    places = places / max(wavenumber, 1.0)  # or float32 cannot tell where they are in a short wave
+    known = TaylorGreen(speed_scale=0.4, wavenumber=wavenumber)
+    flow = FunctionFlow(known.velocity, known.speed_scale, known.spin_scale)
+    position = array(xp, places, getattr(xp, dtype))
+    expected = to_numpy(known.spin(array(xp, places)))
+    assert np.abs(to_numpy(flow.spin(position)) - expected).max() < tolerance * known.spin_scale * 5
+
+
+def test_a_plain_function_may_bring_its_spin():
+    flow = FunctionFlow(lambda r: 0.0 * r, 1.0, 1.0, spin_function=lambda r: r[..., 0])
+    np.testing.assert_array_equal(flow.spin(np.array([[3.0, 1.0]])), [3.0])
+
+
+@pytest.mark.parametrize("flow", [TaylorGreen, ShearFlow, PoiseuilleFlow, Vortex])
+@pytest.mark.parametrize("value", [0.0, -0.1, math.nan, math.inf])
+def test_a_speed_that_is_not_positive_is_an_error(flow, value):
+    with pytest.raises(ValueError, match="speed_scale must be a finite number above 0, got"):
+        flow(speed_scale=value)
+
+
+def test_errors_name_the_parameter_the_rule_and_the_value():
+    with pytest.raises(ValueError, match=r"walls must rise, got \(3\.0, 1\.0\)"):
+        PoiseuilleFlow(walls=(3.0, 1.0))
+    with pytest.raises(ValueError, match=r"walls must rise, got \(2\.0, 2\.0\)"):
+        PoiseuilleFlow(walls=(2.0, 2.0))
+    with pytest.raises(ValueError, match=r"current must not be zero, got \(0\.0, 0\.0\)"):
+        UniformFlow((0.0, 0.0))
+    with pytest.raises(TypeError, match=r"current must be two finite numbers \(x, y\), got 0\.1"):
+        UniformFlow(0.1)
+    with pytest.raises(ValueError, match="core must be a finite number above 0, got 0"):
+        Vortex(core=0)
+    with pytest.raises(TypeError, match="clockwise must be True or False, got 'no'"):
+        Vortex(clockwise="no")
+    with pytest.raises(TypeError, match="function must be a function of positions"):
+        FunctionFlow(TaylorGreen, 0.1, 0.1)
+    with pytest.raises(ValueError, match="spin_scale must be a finite number above 0, got 0"):
+        FunctionFlow(TaylorGreen().velocity, 0.1, 0)
+    with pytest.raises(ValueError, match="max_speed must be a finite number of at least 0, got -1"):
+        FunctionFlow(TaylorGreen().velocity, 0.1, 0.1, max_speed=-1)
+    with pytest.raises(ValueError, match="period must be a finite number above 0, got -1"):
+        FunctionFlow(TaylorGreen().velocity, 0.1, 0.1, period=-1)

@@ -1,0 +1,606 @@
+"""Fields and flows from gridded data: convergence to analytic ones, edges, files, what can be wrong."""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+from swarm.physics.fields import GaussianPlume, LinearField
+from swarm.physics.flows import TaylorGreen, Vortex
+from swarm.physics.grids import reading as grids
+from swarm.physics.grids.gridded import GriddedField, GriddedFlow
+from swarm.physics.motion import swimmer
+from swarm.physics.starts import draw_starts
+from swarm.physics.world import World
+from tests.reference import array, place_and_heading, pose, reference, to_numpy
+
+PLUME = GaussianPlume(gradient_scale=2.0, width=4.0, offset=1.0, egg_position=(3.0, -1.0))
+FLOW = TaylorGreen(speed_scale=0.3, wavenumber=np.pi / 5)
+EDGES = ("periodic", "clamped")
+INTERPOLATIONS = ("linear", "cubic")
+
+
+def places_of(points, edges, low=(0.0, 0.0), size=(10.0, 10.0)):
+    """Coordinates x and y of a grid that covers a box."""
+    last = edges == "clamped"
+    return [
+        np.linspace(a, a + length, points + last, endpoint=last) for a, length in zip(low, size, strict=True)
+    ]
+
+
+def sampled(part, x, y):
+    """A field or flow as a Dataset on a grid."""
+    positions = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    if hasattr(part, "concentration"):
+        values = {"c": part.concentration(positions)}
+    else:
+        velocity = part.velocity(positions)
+        values = {"u_x": velocity[..., 0], "u_y": velocity[..., 1], "spin": part.spin(positions)}
+    return xr.Dataset({name: (("x", "y"), value) for name, value in values.items()}, coords={"x": x, "y": y})
+
+
+@pytest.fixture
+def places():
+    return np.random.default_rng(0).uniform(0.0, 10.0, (2000, 2))
+
+
+# --- convergence -------------------------------------------------------------------------------------------
+
+
+def orders(errors):
+    return np.log2(np.divide(errors[:-1], errors[1:]))
+
+
+@pytest.mark.parametrize(("interpolation", "order"), [("linear", 2), ("cubic", 4)])
+def test_a_sampled_plume_converges_with_the_order_of_the_interpolation(xp, places, interpolation, order):
+    expected = PLUME.concentration(places)
+    errors = []
+    for points in (16, 32, 64):
+        data = sampled(PLUME, *places_of(points, "clamped"))
+        field = GriddedField(data, edges="clamped", interpolation=interpolation)
+        errors.append(np.abs(to_numpy(field.concentration(array(xp, places))) - expected).max())
+    print(f"{interpolation}: errors {errors}, orders {orders(errors)}")
+    np.testing.assert_allclose(orders(errors), order, rtol=0, atol=0.5)
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "spin", "velocity_order", "spin_order"),
+    [("linear", None, 2, 2), ("linear", "spin", 2, 2), ("cubic", None, 4, 3), ("cubic", "spin", 4, 4)],
+)
+@pytest.mark.parametrize("edges", EDGES)
+def test_a_sampled_taylor_green_flow_converges(
+    places, edges, interpolation, spin, velocity_order, spin_order
+):
+    errors = []
+    for points in (16, 32, 64):
+        data = sampled(FLOW, *places_of(points, edges))
+        flow = GriddedFlow(data, edges=edges, interpolation=interpolation, spin=spin)
+        errors.append(
+            [
+                np.abs(flow.velocity(places) - FLOW.velocity(places)).max(),
+                np.abs(flow.spin(places) - FLOW.spin(places)).max(),
+            ]
+        )
+    measured = orders(np.array(errors))
+    print(f"{edges}, {interpolation}, spin from {spin}: errors {errors}, orders {measured.tolist()}")
+    assert np.all(np.abs(measured[:, 0] - velocity_order) < 0.5)
+    assert np.all(measured[:, 1] > spin_order - 0.3)
+
+
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
+def test_at_the_grid_points_the_values_are_the_data(xp, edges, interpolation):
+    data = sampled(FLOW, *places_of(12, edges))
+    flow = GriddedFlow(data, edges=edges, interpolation=interpolation)
+    positions = np.stack(np.meshgrid(data.x, data.y, indexing="ij"), axis=-1)
+    velocity = to_numpy(flow.velocity(array(xp, positions)))
+    np.testing.assert_allclose(velocity[..., 0], data.u_x, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(velocity[..., 1], data.u_y, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
+def test_a_linear_field_is_reproduced_exactly(xp, places, interpolation):
+    # its gradient is 1 unit of concentration per unit of length everywhere, and so is what is measured
+    field = GriddedField(
+        sampled(LinearField(), *places_of(7, "clamped")), edges="clamped", interpolation=interpolation
+    )
+    concentration = to_numpy(field.concentration(array(xp, places)))
+    np.testing.assert_allclose(concentration, LinearField().concentration(places), rtol=0, atol=1e-12)
+    assert field.gradient_scale == pytest.approx(1.0, rel=1e-12)
+    assert field.max_gradient == pytest.approx(1.0, rel=1e-12)
+
+
+def test_cubic_spin_is_half_the_vorticity_of_the_interpolant(places):
+    flow = GriddedFlow(sampled(FLOW, *places_of(12, "periodic")), edges="periodic")
+    step = 1e-5
+    dx, dy = ((flow.velocity(places + s) - flow.velocity(places - s)) / (2 * step) for s in step * np.eye(2))
+    np.testing.assert_allclose(flow.spin(places), 0.5 * (dx[:, 1] - dy[:, 0]), rtol=0, atol=1e-9)
+
+
+# --- edges -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
+def test_periodic_data_repeat_in_both_directions(xp, places, interpolation):
+    x, y = places_of(16, "periodic", low=(-3.0, 2.0), size=(10.0, 20.0))
+    flow = GriddedFlow(sampled(FLOW, x, y), edges="periodic", interpolation=interpolation)
+    assert flow.inside is None
+    np.testing.assert_allclose(flow.box, ((-3.0, 7.0), (2.0, 22.0)))
+    here = to_numpy(flow.velocity(array(xp, places)))
+    for shift in ([10.0, 0.0], [0.0, 20.0], [-30.0, 40.0]):
+        there = to_numpy(flow.velocity(array(xp, places + np.array(shift))))
+        np.testing.assert_allclose(there, here, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
+def test_just_across_the_seam_of_a_period_the_values_go_on(interpolation):
+    flow = GriddedFlow(
+        sampled(FLOW, *places_of(10, "periodic")), edges="periodic", interpolation=interpolation
+    )
+    y = np.linspace(0, 10, 50)
+    for seam in (0.0, 10.0):
+        left, right = (np.stack([np.full(50, seam + side), y], axis=-1) for side in (-1e-9, 1e-9))
+        np.testing.assert_allclose(flow.velocity(left), flow.velocity(right), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        flow.velocity(np.array([[np.nextafter(10.0, 0.0), 3.0]])),
+        flow.velocity(np.array([[0.0, 3.0]])),
+        atol=1e-12,
+    )
+
+
+@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
+def test_beyond_a_clamped_edge_the_value_at_the_edge_goes_on(xp, interpolation):
+    field = GriddedField(
+        sampled(PLUME, *places_of(10, "clamped")), edges="clamped", interpolation=interpolation
+    )
+    outside = array(xp, [[-1.0, 4.0], [11.0, 4.0], [4.0, -5.0], [12.0, 13.0]])
+    edge = array(xp, [[0.0, 4.0], [10.0, 4.0], [4.0, 0.0], [10.0, 10.0]])
+    np.testing.assert_array_equal(to_numpy(field.concentration(outside)), to_numpy(field.concentration(edge)))
+    np.testing.assert_array_equal(to_numpy(field.inside(outside)), [False] * 4)
+    np.testing.assert_array_equal(to_numpy(field.inside(edge)), [True] * 4)
+
+
+def test_a_cell_that_leaves_a_clamped_grid_is_truncated(xp):
+    field = GriddedField(sampled(LinearField(), *places_of(5, "clamped", size=(2.0, 2.0))), edges="clamped")
+    world = World(field=field)
+    assert world.box == ((0.0, 2.0), (0.0, 2.0))
+    position, heading, past = draw_starts(world, 40, 0)
+    state = world.start(array(xp, position), array(xp, heading), array(xp, past, xp.int64))
+    for turn in range(20):
+        state, outcome = world.step(state, array(xp, np.full(40, turn % 2), xp.int64))
+        places = to_numpy(state.position)
+        outside = np.any((places < 0) | (places > 2), axis=-1)
+        np.testing.assert_array_equal(to_numpy(outcome.truncated), outside)
+    assert 0 < outside.sum() < 40
+
+
+def test_a_start_outside_a_clamped_grid_is_an_error_and_on_a_periodic_one_it_is_not(xp):
+    position = array(xp, [[1.0, 1.0], [-0.5, 1.0]])
+    heading, past = array(xp, [0.0, 0.0]), array(xp, np.zeros((2, 4), int), xp.int64)
+    flows = {edges: GriddedFlow(sampled(FLOW, *places_of(12, edges)), edges=edges) for edges in EDGES}
+    World(flow=flows["periodic"]).start(position, heading, past)
+    with pytest.raises(ValueError, match=r"position must lie inside the domain.*got -0\.5, 1 for cell 1"):
+        World(flow=flows["clamped"]).start(position, heading, past)
+
+
+# --- in a world --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("spin", [None, "spin"])
+def test_a_path_in_a_cubic_flow_is_within_tolerance_of_the_reference(xp, edges, spin):
+    data = sampled(FLOW, *places_of(20, edges, low=(-5.0, -5.0), size=(20.0, 20.0)))
+    flow = GriddedFlow(data, edges=edges, spin=spin)
+    rng = np.random.default_rng(0)
+    position, angle = rng.uniform(0, 10, (20, 2)), rng.uniform(-3, 3, 20)
+    start = pose(np, position, angle)
+    ones = array(xp, np.ones(20))
+    for duration in (0.78, 0.38, -0.38):
+        after = swimmer.swim(pose(xp, position, angle), 4 * ones, ones, duration * ones, flow)
+        expected = reference(position, start.heading, 4.0, 1.0, duration, flow)
+        np.testing.assert_allclose(place_and_heading(after), expected, rtol=0, atol=2e-6)
+
+
+def test_a_life_in_the_sampled_flow_is_that_in_the_analytic_one():
+    known = World(flow=FLOW, sense_flow=True, life=20.0)
+    flow = GriddedFlow(
+        sampled(FLOW, *places_of(64, "periodic")),
+        edges="periodic",
+        speed_scale=FLOW.speed_scale,
+        spin_scale=FLOW.spin_scale,
+    )
+    gridded = known.replace(flow=flow)
+    states = [world.start(*draw_starts(known, 10, 0)) for world in (known, gridded)]
+    for turn in range(known.max_decisions):
+        action = np.full(10, turn % 2)
+        (states[0], a), (states[1], b) = (
+            world.step(state, action) for world, state in zip((known, gridded), states, strict=True)
+        )
+        np.testing.assert_allclose(a.observation, b.observation, rtol=0, atol=1e-3)
+        np.testing.assert_allclose(a.gain, b.gain, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
+def test_every_library_and_dtype_interpolates_alike(xp, places, dtype, interpolation):
+    vortex = Vortex(speed_scale=0.3, core=1.5)
+    flow = GriddedFlow(
+        sampled(vortex, *places_of(25, "clamped")), edges="clamped", interpolation=interpolation
+    )
+    position = array(xp, places.reshape(4, 500, 2), getattr(xp, dtype))
+    velocity, spin = flow.velocity(position), flow.spin(position)
+    assert velocity.dtype == spin.dtype == getattr(xp, dtype)
+    tolerance = 1e-13 if dtype == "float64" else 2e-6
+    np.testing.assert_allclose(
+        to_numpy(velocity).reshape(-1, 2), flow.velocity(places), rtol=0, atol=tolerance
+    )
+    np.testing.assert_allclose(to_numpy(spin).ravel(), flow.spin(places), rtol=0, atol=tolerance * 10)
+
+
+def test_one_place_is_interpolated_like_many(places):
+    for interpolation in INTERPOLATIONS:
+        flow = GriddedFlow(
+            sampled(FLOW, *places_of(9, "periodic")), edges="periodic", interpolation=interpolation
+        )
+        for part in (flow.velocity, flow.spin):
+            many = part(places)
+            for i in (0, 7, 1999):
+                np.testing.assert_array_equal(part(places[i : i + 1])[0], many[i])
+
+
+@pytest.mark.parametrize("edges", EDGES)
+@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
+def test_bounds_hold_everywhere(edges, interpolation):
+    rng = np.random.default_rng(1)
+    x, y = places_of(8, edges)
+    data = xr.Dataset(
+        {name: (("x", "y"), rng.normal(size=(len(x), len(y)))) for name in ("u_x", "u_y", "c", "spin")},
+        coords={"x": x, "y": y},
+    )
+    field = GriddedField(data, edges=edges, interpolation=interpolation, variable="c")
+    places = rng.uniform(-2, 12, (20_000, 2))
+    step = 1e-6
+    slopes = [
+        (field.concentration(places + s) - field.concentration(places - s)) / (2 * step)
+        for s in step * np.eye(2)
+    ]
+    assert np.hypot(*slopes).max() <= field.max_gradient * (1 + 1e-6)
+    for spin in (None, "spin"):
+        flow = GriddedFlow(data, edges=edges, interpolation=interpolation, spin=spin)
+        assert np.linalg.norm(flow.velocity(places), axis=-1).max() <= flow.max_speed
+        assert np.abs(flow.spin(places)).max() <= flow.max_spin * (1 + 1e-12)
+
+
+def test_scales_are_measured_or_given():
+    data = sampled(PLUME, *places_of(40, "clamped"))
+    measured = GriddedField(data, edges="clamped").gradient_scale
+    dense = np.stack(np.meshgrid(*places_of(200, "clamped"), indexing="ij"), axis=-1)
+    offset = 1e-5 * np.eye(2)
+    slopes = [(PLUME.concentration(dense + s) - PLUME.concentration(dense - s)) / 2e-5 for s in offset]
+    assert measured == pytest.approx(np.sqrt(np.mean(slopes[0] ** 2 + slopes[1] ** 2)), rel=0.02)
+    assert GriddedField(data, edges="clamped", gradient_scale=7).gradient_scale == 7.0
+    flow = GriddedFlow(sampled(FLOW, *places_of(40, "periodic")), edges="periodic")
+    assert flow.speed_scale == pytest.approx(FLOW.speed_scale, rel=1e-3)
+    assert flow.spin_scale == pytest.approx(FLOW.spin_scale, rel=1e-3)
+    given = GriddedFlow(
+        sampled(FLOW, *places_of(8, "periodic")), edges="periodic", speed_scale=1, spin_scale=2
+    )
+    assert (given.speed_scale, given.spin_scale) == (1.0, 2.0)
+
+
+def test_gridded_parts_can_be_pickled_and_shown():
+    field = GriddedField(sampled(PLUME, *places_of(8, "clamped")), edges="clamped")
+    field.concentration(np.zeros((1, 2)))
+    again = pickle.loads(pickle.dumps(field))
+    np.testing.assert_array_equal(again.concentration(np.ones((1, 2))), field.concentration(np.ones((1, 2))))
+    assert "9 × 9 points" in repr(again)
+    assert "clamped" in repr(World(field=again))
+
+
+# --- data that come otherwise ------------------------------------------------------------------------------
+
+
+def test_axes_may_come_in_any_order_and_run_downwards(places):
+    data = sampled(PLUME, *places_of(12, "clamped"))
+    usual = GriddedField(data, edges="clamped").concentration(places)
+    for other in (
+        data.transpose("y", "x"),
+        data.sortby("x", ascending=False),
+        data.sortby("y", ascending=False),
+    ):
+        np.testing.assert_allclose(
+            GriddedField(other, edges="clamped").concentration(places), usual, rtol=0, atol=1e-12
+        )
+
+
+def test_coordinates_in_single_precision_are_regular():
+    data = sampled(PLUME, *places_of(100, "clamped", low=(1000.0, 0.0)))
+    field = GriddedField(data.assign_coords(x=data.x.astype("float32")), edges="clamped")
+    assert field.box[0] == pytest.approx((1000.0, 1010.0), rel=1e-6)
+
+
+def test_a_data_array_is_a_field():
+    data = sampled(PLUME, *places_of(8, "clamped"))
+    assert GriddedField(data["c"], edges="clamped").gradient_scale > 0
+
+
+@pytest.mark.parametrize("part", ["field", "flow"])
+def test_a_netcdf_file_is_what_was_saved_in_it(tmp_path, places, part):
+    data = sampled(PLUME if part == "field" else FLOW, *places_of(10, "periodic"))
+    data.to_netcdf(tmp_path / "data.nc", engine="h5netcdf")
+    make = GriddedField if part == "field" else GriddedFlow
+    for path in (tmp_path / "data.nc", str(tmp_path / "data.nc")):
+        stored, known = make(path, edges="periodic"), make(data, edges="periodic")
+        method = "concentration" if part == "field" else "velocity"
+        np.testing.assert_array_equal(getattr(stored, method)(places), getattr(known, method)(places))
+
+
+def test_packed_values_in_a_file_are_unpacked(tmp_path):
+    data = sampled(PLUME, *places_of(10, "clamped"))
+    packed = {
+        "c": {"dtype": "int16", "scale_factor": 1e-3, "add_offset": 10.0, "_FillValue": -32768, "zlib": True}
+    }
+    data.to_netcdf(tmp_path / "data.nc", engine="h5netcdf", encoding=packed)
+    field = GriddedField(tmp_path / "data.nc", edges="clamped")
+    positions = np.stack(np.meshgrid(data.x, data.y, indexing="ij"), axis=-1)
+    np.testing.assert_allclose(field.concentration(positions), data.c, rtol=0, atol=1e-3)
+
+
+# --- what can be wrong -------------------------------------------------------------------------------------
+
+
+def grid(**changes):
+    x, y = places_of(6, "clamped")
+    return sampled(PLUME, x, y).assign(**changes)
+
+
+def with_nan():
+    data = grid()
+    data["c"][2, 5] = np.nan
+    return data
+
+
+def with_x(places):
+    return grid().assign_coords(x=places)
+
+
+@pytest.mark.parametrize(
+    ("data", "options", "message"),
+    [
+        (
+            grid(),
+            {"edges": "clampd"},
+            "edges must be one of clamped, periodic, got 'clampd'; did you mean 'clamped'",
+        ),
+        (grid(), {"interpolation": "quintic"}, "interpolation must be one of cubic, linear, got 'quintic'"),
+        (grid(), {"variable": "d"}, "variable must be one of c, got 'd'"),
+        (grid(d=grid()["c"]), {}, r"variable must be named .* got \['c', 'd'\]"),
+        (grid(), {"gradient_scale": 0.0}, r"gradient_scale must be a finite number above 0, got 0"),
+        (grid(), {"egg_radius": -1.0}, r"egg_radius must be a finite number above 0, got -1"),
+        (grid(c=0.0 * grid()["c"]), {}, "gradient_scale must be given where the field has no gradient"),
+        (with_nan(), {}, r"c must be finite everywhere, got nan at x = 3.33333, y = 8.33333 \(index 2, 5"),
+        (with_x(np.geomspace(1, 10, 7)), {}, r"x must be evenly spaced, got .* at index \d instead of"),
+        (with_x(np.zeros(7)), {}, "x must be evenly spaced, got 0 at index 0"),
+        (with_x([0, 1, 2, np.nan, 4, 5, 6]), {}, "x must be finite, got nan"),
+        (with_x(list("abcdefg")), {}, "x must hold real numbers"),
+        (grid().drop_vars("x"), {}, r"c must have the coordinate x, got \['y'\]"),
+        (
+            grid().rename(x="lon"),
+            {"variable": "c"},
+            r"c must have the dimensions x and y and no others, got \('lon'",
+        ),
+        (grid().expand_dims(time=3), {}, r"c must have the dimensions x and y and no others, got \('time'"),
+        (grid(c=grid()["c"].astype(complex)), {}, "c must hold real numbers, got complex128"),
+        (grid(c=grid()["c"].astype(str)), {}, "c must hold real numbers"),
+        (grid().isel(x=slice(3)), {}, "x must have at least 4 points for cubic interpolation, got 3"),
+        (grid().isel(y=slice(1)), {"interpolation": "linear"}, "y must have at least 2 points for linear"),
+        (np.zeros((3, 3)), {}, "data must be an xarray Dataset or DataArray, or the path .* got ndarray"),
+    ],
+)
+def test_wrong_data_are_errors_that_name_the_variable_the_rule_and_the_value(data, options, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        GriddedField(data, **{"edges": "clamped", **options})
+
+
+def test_edges_must_be_chosen():
+    with pytest.raises(TypeError, match="edges"):
+        GriddedField(grid())
+
+
+def test_a_period_that_states_its_first_line_twice_is_an_error():
+    data = sampled(FLOW, *places_of(20, "clamped"))  # from 0 to 10, both ends included
+    GriddedFlow(data, edges="clamped")
+    with pytest.raises(ValueError, match="x of a periodic grid must end one spacing before its period"):
+        GriddedFlow(data, edges="periodic")
+    with pytest.raises(ValueError, match="y of a periodic grid must end one spacing before its period"):
+        GriddedFlow(data.isel(x=slice(-1)), edges="periodic")
+    GriddedFlow(data.isel(x=slice(-1), y=slice(-1)), edges="periodic")
+
+
+def test_a_flow_needs_two_variables_of_velocity():
+    data = sampled(FLOW, *places_of(8, "periodic"))
+    with pytest.raises(
+        ValueError, match=r"variable must be one of spin, u_x, u_y, got 'v_y'; did you mean 'u_y'"
+    ):
+        GriddedFlow(data, edges="periodic", velocity=("u_x", "v_y"))
+    with pytest.raises(ValueError, match="velocity must be the names of two variables, got 'u_x'"):
+        GriddedFlow(data, edges="periodic", velocity="u_x")
+    with pytest.raises(TypeError, match="data must be a Dataset with u_x, u_y, got a DataArray"):
+        GriddedFlow(data["u_x"], edges="periodic")
+    with pytest.raises(ValueError, match=r"speed_scale must be a finite number above 0, got 0\.0"):
+        GriddedFlow(data * 0, edges="periodic")
+
+
+def test_a_flow_that_does_not_spin_cannot_be_sensed_without_a_scale():
+    x, y = places_of(8, "clamped")
+    strain = xr.Dataset(
+        {"u_x": (("x", "y"), 0.01 * (x[:, None] + 0 * y)), "u_y": (("x", "y"), -0.01 * (y + 0 * x[:, None]))},
+        coords={"x": x, "y": y},
+    )
+    flow = GriddedFlow(strain, edges="clamped")
+    assert flow.spin_scale == pytest.approx(0.0, abs=1e-15)
+    assert flow.max_shear == pytest.approx(0.01)
+    World(flow=flow)
+    World(flow=GriddedFlow(strain, edges="clamped", spin_scale=0.01), sense_flow=True)
+
+
+UNITS = {"x": "mm", "y": "mm", "u_x": "mm/s", "u_y": "mm s-1", "spin": "rad/s"}
+
+
+def with_units(**changes):
+    data = sampled(FLOW, *places_of(8, "periodic"))
+    for name, unit in {**UNITS, **changes}.items():
+        data[name].attrs["units"] = unit
+    return data
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"y": "m"}, "x and y must have the same units, got 'mm' and 'm'"),
+        ({"u_y": "m/s"}, "u_x and u_y must have the same units, got 'mm/s' and 'm/s'"),
+        ({"u_x": "m/s", "u_y": "m/s"}, "u_x must be in mm per time like x and y, got 'm/s'"),
+        ({"u_x": "m s^-1", "u_y": "m s^-1"}, r"u_x must be in mm per time like x and y, got 'm s\^-1'"),
+        ({"spin": "deg/s"}, "spin must be in radians per time, got 'deg/s'"),
+        ({"spin": "rad/min"}, "spin must be in radians per s like u_x, got 'rad/min'"),
+    ],
+)
+def test_units_that_contradict_each_other_are_errors(changes, message):
+    changes = {"u_y": "mm/s", **changes}
+    with pytest.raises(ValueError, match=message):
+        GriddedFlow(with_units(**changes), edges="periodic", spin="spin")
+
+
+@pytest.mark.parametrize("unit", ["mm/s", "mm s-1", "mm s^-1", "mm s**-1", "mm.s-1", "mm / s", "whatever"])
+@pytest.mark.parametrize("spin", ["rad/s", "s-1", "1/s", "rad s-1"])
+def test_units_that_agree_are_fine(unit, spin):
+    flow = GriddedFlow(with_units(u_x=unit, u_y=unit, spin=spin), edges="periodic", spin="spin")
+    assert flow.length_unit == "mm"
+
+
+def test_a_field_and_a_flow_in_different_units_of_length_are_an_error():
+    field_data = sampled(PLUME, *places_of(8, "clamped"))
+    for axis in "xy":
+        field_data[axis].attrs["units"] = "m"
+    field = GriddedField(field_data, edges="clamped")
+    flow = GriddedFlow(with_units(u_y="mm/s"), edges="periodic")
+    with pytest.raises(
+        ValueError, match=r"field and flow must have positions in the same unit, got \['m', 'mm'\]"
+    ):
+        World(field=field, flow=flow)
+    World(field=field, flow="taylor_green")
+
+
+# --- files that are broken or hostile ----------------------------------------------------------------------
+
+
+def announce(path, shape, *, dtype="f8", **options):
+    """A file whose header announces a variable c of a shape, with hardly a number stored."""
+    with h5py.File(path, "w") as file:
+        for name, points in zip("xy", shape, strict=True):
+            if points < 1000:
+                file[name] = np.linspace(0.0, 1.0, points)
+            else:
+                file.create_dataset(name, (points,), "f8", chunks=(1000,))
+            file[name].make_scale(name)
+        file.create_dataset("c", shape, dtype, chunks=(min(shape[0], 100), min(shape[1], 100)), **options)
+        for axis, name in enumerate("xy"):
+            file["c"].dims[axis].attach_scale(file[name])
+
+
+def test_a_header_that_announces_more_than_the_limit_is_an_error_before_anything_is_loaded(tmp_path):
+    path = tmp_path / "huge.nc"
+    announce(path, (900, 10**9))
+    assert path.stat().st_size < 10**6
+    for variable in (None, "c"):
+        with pytest.raises(ValueError, match="c must have at most 67108864 values, got 900000000000"):
+            GriddedField(path, edges="clamped", variable=variable)
+    path = tmp_path / "long.nc"
+    announce(path, (2, 2))
+    with h5py.File(path, "a") as file:
+        del file["x"]
+        file.create_dataset("x", (10**12,), "f8", chunks=(1000,))
+    with pytest.raises(ValueError, match="x must have at most 16777216 values, got 1000000000000"):
+        GriddedField(path, edges="clamped", variable="c")
+
+
+def test_a_dataset_that_is_too_large_is_an_error_before_it_is_loaded(monkeypatch):
+    monkeypatch.setattr(grids, "MAX_VALUES", 40)
+    with pytest.raises(ValueError, match="c must have at most 40 values, got 49"):
+        GriddedField(grid(), edges="clamped")
+
+
+def test_variables_that_are_not_asked_for_are_not_read(tmp_path):
+    grid().to_netcdf(tmp_path / "data.nc", engine="h5netcdf")
+    with h5py.File(tmp_path / "data.nc", "a") as file:
+        file.create_dataset("other", (10**7, 10**7), "f8", chunks=(100, 100))
+    GriddedField(tmp_path / "data.nc", edges="clamped", variable="c")
+
+
+def test_a_file_that_refers_to_other_files_is_an_error(tmp_path):
+    (tmp_path / "secret").write_bytes(bytes(800))
+    path = tmp_path / "external.nc"
+    with h5py.File(path, "w") as file:
+        file["x"], file["y"] = np.arange(10.0), np.arange(10.0)
+        file.create_dataset("c", (10, 10), "f8", external=[(str(tmp_path / "secret"), 0, 800)])
+    with pytest.raises(
+        ValueError, match="c must be stored in the file itself, got a reference to another file"
+    ):
+        GriddedField(path, edges="clamped", variable="c")
+    grid().to_netcdf(tmp_path / "data.nc", engine="h5netcdf")
+    with h5py.File(tmp_path / "link.nc", "w") as file:
+        file["c"] = h5py.ExternalLink(str(tmp_path / "data.nc"), "c")
+    with pytest.raises(ValueError, match="variable must be one of"):
+        GriddedField(tmp_path / "link.nc", edges="clamped", variable="c")
+
+
+def test_variables_of_strings_and_objects_are_errors(tmp_path):
+    path = tmp_path / "text.nc"
+    with h5py.File(path, "w") as file:
+        file["x"], file["y"] = np.arange(4.0), np.arange(4.0)
+        file.create_dataset("c", (4, 4), h5py.string_dtype())
+    with pytest.raises(ValueError, match="c must hold real numbers, got object"):
+        GriddedField(path, edges="clamped")
+
+
+@pytest.mark.parametrize("cut", [0, 4, 8, 100, 500, 3000])
+def test_a_cut_off_file_is_an_error_that_names_it(tmp_path, cut):
+    grid().to_netcdf(tmp_path / "whole.nc", engine="h5netcdf")
+    path = tmp_path / "cut.nc"
+    path.write_bytes((tmp_path / "whole.nc").read_bytes()[:cut])
+    with pytest.raises(ValueError, match=r"cut\.nc must be a"):
+        GriddedField(path, edges="clamped")
+
+
+def test_bytes_flipped_in_a_file_never_raise_anything_but_clear_errors(tmp_path):
+    grid().to_netcdf(tmp_path / "whole.nc", engine="h5netcdf")
+    whole = (tmp_path / "whole.nc").read_bytes()
+    rng = np.random.default_rng(0)
+    path = tmp_path / "flipped.nc"
+    for _ in range(40):
+        broken = bytearray(whole)
+        for place in rng.integers(8, len(whole), 8):
+            broken[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(broken)
+        with contextlib.suppress(TypeError, ValueError):
+            GriddedField(path, edges="clamped")
+
+
+def test_other_files_are_errors(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"data must be a file that exists, got .*nowhere\.nc"):
+        GriddedField(tmp_path / "nowhere.nc", edges="clamped")
+    with pytest.raises(ValueError, match="data must be an ordinary file"):
+        GriddedField(tmp_path, edges="clamped")
+    (tmp_path / "text.nc").write_text("x,y,c")
+    with pytest.raises(ValueError, match=r"text\.nc must be a NetCDF-4 file$"):
+        GriddedField(tmp_path / "text.nc", edges="clamped")
+    grid().to_netcdf(tmp_path / "old.nc", engine="scipy")
+    with pytest.raises(
+        ValueError, match=r"must be a NetCDF-4 file; open older files with xarray\.open_dataset"
+    ):
+        GriddedField(tmp_path / "old.nc", edges="clamped")

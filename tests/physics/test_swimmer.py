@@ -1,0 +1,341 @@
+"""Kinematics against closed forms and an adaptive high-order integrator."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from swarm.physics.flows import PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, UniformFlow, Vortex
+from swarm.physics.motion import swimmer
+from swarm.physics.motion.swimmer import Collocation, Pose
+from tests.reference import array, place_and_heading, pose, reference, to_numpy
+
+CELLS = 24
+
+
+@pytest.fixture
+def cells():
+    """Poses and curvatures of some cells."""
+    rng = np.random.default_rng(1)
+    return (
+        rng.uniform(0, 20, (CELLS, 2)),
+        rng.uniform(-np.pi, np.pi, CELLS),
+        rng.choice([3.0, 4.0, 5.0], CELLS),
+    )
+
+
+def swum(xp, cells, duration, *, speed=1.0, flow=None, curvature=None):
+    position, angle, kappa = cells
+    kappa = kappa if curvature is None else np.full(CELLS, curvature)
+    durations = np.broadcast_to(np.asarray(duration, float), CELLS)
+    return swimmer.swim(
+        pose(xp, position, angle),
+        array(xp, kappa),
+        array(xp, np.full(CELLS, speed)),
+        array(xp, durations),
+        flow,
+    )
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.9, 1.1])
+@pytest.mark.parametrize("duration", [0.02, 0.38, 0.78, 3.0, -0.38])
+def test_without_flow_the_pose_is_exact(xp, cells, duration, speed):
+    position, angle, curvature = cells
+    expected = reference(position, pose(np, position, angle).heading, curvature, speed, duration)
+    after = place_and_heading(swum(xp, cells, duration, speed=speed))
+    np.testing.assert_allclose(after, expected, rtol=0, atol=1e-12 * 20)
+    turn = curvature * speed * duration
+    by_hand = position + (
+        np.stack([np.sin(angle + turn) - np.sin(angle), np.cos(angle) - np.cos(angle + turn)], axis=-1)
+        / curvature[:, None]
+    )
+    np.testing.assert_allclose(after[:, :2], by_hand, rtol=0, atol=1e-13)
+
+
+def test_without_flow_a_full_turn_returns_to_the_start(xp, cells):
+    position, angle, curvature = cells
+    after = place_and_heading(swum(xp, cells, 2 * np.pi / curvature))
+    np.testing.assert_allclose(after, place_and_heading(pose(np, position, angle)), rtol=0, atol=1e-13)
+
+
+def test_a_straight_path_has_no_curvature(xp, cells):
+    position, angle, _ = cells
+    straight = place_and_heading(swum(xp, cells, 0.38, curvature=0.0))
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    np.testing.assert_allclose(straight[:, :2], position + 0.38 * direction, rtol=0, atol=1e-14)
+    nearly = place_and_heading(swum(xp, cells, 0.38, curvature=1e-9))
+    np.testing.assert_allclose(nearly, straight, rtol=0, atol=1e-9)
+
+
+def test_a_positive_curvature_turns_left(xp):
+    after = swimmer.swim(
+        pose(xp, [[0.0, 0.0]], [0.0]), array(xp, [2.0]), array(xp, [1.0]), array(xp, [np.pi / 4])
+    )
+    np.testing.assert_allclose(place_and_heading(after), [[0.5, 0.5, 0.0, 1.0]], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("flow", [StillWater(), TaylorGreen(), Vortex(), PoiseuilleFlow(walls=(-30.0, 30.0))])
+def test_a_negative_duration_undoes_a_positive_one(xp, cells, flow):
+    position, angle, curvature = cells
+    there = swum(xp, cells, 0.38, flow=flow)
+    speed = array(xp, np.ones(CELLS))
+    back = swimmer.swim(there, array(xp, curvature), speed, array(xp, np.full(CELLS, -0.38)), flow)
+    tolerance = 1e-14 * 20 if isinstance(flow, StillWater) else 2 * swimmer.TOLERANCE
+    start = place_and_heading(pose(np, position, angle))
+    np.testing.assert_allclose(place_and_heading(back), start, rtol=0, atol=tolerance)
+
+
+FLOWS = [
+    TaylorGreen(),
+    TaylorGreen(speed_scale=1.0),
+    TaylorGreen(speed_scale=0.1, wavenumber=3.0),
+    TaylorGreen(speed_scale=0.01, wavenumber=10.0),
+    TaylorGreen(speed_scale=3.0, wavenumber=0.3),
+    UniformFlow((0.3, -0.4)),
+    ShearFlow(speed_scale=0.3),
+    PoiseuilleFlow(speed_scale=0.5, walls=(-5.0, 25.0)),
+    Vortex(speed_scale=0.3, core=1.0, centre=(10.0, 10.0)),
+    Vortex(speed_scale=0.3, core=4.0, clockwise=True),
+]
+
+
+@pytest.mark.parametrize("flow", FLOWS, ids=lambda flow: type(flow).__name__)
+def test_in_a_flow_the_pose_is_within_tolerance_of_the_reference(xp, cells, flow):
+    position, angle, curvature = cells
+    heading = pose(np, position, angle).heading
+    for duration, speed in ((0.78, 1.0), (0.38, 1.0), (0.18, 1.0), (-0.38, 1.0), (0.38, 2.5), (2.5, 0.5)):
+        after = place_and_heading(swum(xp, cells, duration, flow=flow, speed=speed))
+        expected = reference(position, heading, curvature, speed, duration, flow)
+        np.testing.assert_allclose(after, expected, rtol=0, atol=swimmer.TOLERANCE, err_msg=f"{duration=}")
+
+
+def test_in_a_uniform_flow_the_arc_is_carried_along(xp, cells):
+    flow = UniformFlow((0.3, -0.4))
+    with_flow, without = (place_and_heading(swum(xp, cells, 0.38, flow=f)) for f in (flow, None))
+    without[:, :2] += 0.38 * np.array(flow.current)
+    np.testing.assert_allclose(with_flow, without, rtol=0, atol=1e-14 * 20)
+
+
+def error_of(scheme, flow, duration, *, speed=1.0, curvature=4.0):
+    rng = np.random.default_rng(2)
+    position, angle = rng.uniform(0, 20, (CELLS, 2)), rng.uniform(-np.pi, np.pi, CELLS)
+    start, speeds = pose(np, position, angle), np.full(CELLS, speed)
+    durations = np.full(CELLS, duration)
+    motions = scheme.motions(np.full(CELLS, curvature), speeds, durations)
+    after, _ = scheme.swim(start, motions, speeds, durations, scheme.weights, flow)
+    expected = reference(position, start.heading, curvature, speed, duration, flow)
+    return np.abs(place_and_heading(after) - expected).max()
+
+
+@pytest.mark.parametrize("nodes", [1, 2, 3])
+def test_the_order_of_convergence_in_the_step_is_twice_the_nodes(nodes):
+    flow = TaylorGreen(speed_scale=0.5, wavenumber=1.0)
+    substeps = {1: (16, 32, 64), 2: (4, 8, 16), 3: (2, 4, 8)}[nodes]
+    errors = [error_of(Collocation(nodes, 8, n), flow, 0.78) for n in substeps]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    print(f"{nodes} nodes: errors {errors}, orders {orders}")
+    np.testing.assert_allclose(orders, 2 * nodes, rtol=0, atol=0.4)
+
+
+@pytest.mark.parametrize("sweeps", [1, 2, 3])
+def test_the_order_of_convergence_in_the_step_is_the_number_of_sweeps(sweeps):
+    flow = TaylorGreen(speed_scale=0.5, wavenumber=1.0)
+    errors = [error_of(Collocation(6, sweeps, n), flow, 0.78) for n in (4, 8, 16)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    print(f"{sweeps} sweeps: errors {errors}, orders {orders}")
+    np.testing.assert_allclose(orders, sweeps, rtol=0, atol=0.15)
+
+
+def test_the_error_estimate_bounds_the_error():
+    for k, u in itertools.product((0.3, 1.0, 3.0, 10.0), (1e-3, 0.1, 1.0)):
+        flow = TaylorGreen(speed_scale=u, wavenumber=k)
+        for duration in (0.18, 0.78):
+            scheme = Collocation.for_interval(flow, 4 * duration, duration, duration)
+            assert error_of(scheme, flow, duration) < swimmer.TOLERANCE, (flow, scheme)
+
+
+@pytest.mark.parametrize(
+    ("flow", "duration", "speed", "curvature"),
+    [
+        (TaylorGreen(speed_scale=1e-3, wavenumber=10.0), 3.0, 0.01, 0.1),  # its heading is what limits it
+        (TaylorGreen(speed_scale=1.0, wavenumber=0.1), 0.18, 1.0, 4.0),  # its position is
+        (TaylorGreen(speed_scale=1.0, wavenumber=10.0), 0.18, 10.0, 0.1),  # small scales, crossed quickly
+        (TaylorGreen(speed_scale=3.0, wavenumber=10.0), 0.38, 10.0, 0.1),  # neighbours part e⁵-fold
+    ],
+)
+def test_the_tolerance_holds_for_slow_and_fast_cells(flow, duration, speed, curvature):
+    length = speed * duration
+    scheme = Collocation.for_interval(flow, curvature * length, length, duration)
+    assert error_of(scheme, flow, duration, speed=speed, curvature=curvature) < swimmer.TOLERANCE
+
+
+def estimated(flow, *, unit_of_time=1.0):
+    """The error estimate for three quarters of a turn in `duration` 0.4."""
+    return swimmer.error_estimate(flow, 4.7, 1.2, 0.4 * unit_of_time, 4, 3, 2)
+
+
+def test_the_error_estimate_knows_a_flow_by_its_bounds_or_else_by_its_scales():
+    scales = SimpleNamespace(speed_scale=0.3, spin_scale=0.6)
+    expected = estimated(scales)
+    bounded = SimpleNamespace(speed_scale=9.0, spin_scale=9.0, max_speed=0.3, max_spin=0.6)
+    assert estimated(bounded) == expected
+    assert estimated(SimpleNamespace(**vars(bounded) | {"max_speed": None})) > expected
+    assert estimated(SimpleNamespace(**vars(bounded) | {"max_spin": None})) > expected
+    strained = SimpleNamespace(**vars(bounded) | {"max_spin": 0.0, "max_shear": 0.6})
+    assert estimated(strained) == expected
+    assert estimated(SimpleNamespace(**vars(bounded) | {"max_shear": 0.1})) == expected
+
+
+def test_the_error_estimate_does_not_depend_on_the_unit_of_time():
+    for unit in (0.01, 60.0):
+        flow = SimpleNamespace(speed_scale=0.3 / unit, spin_scale=0.6 / unit)
+        expected = estimated(SimpleNamespace(speed_scale=0.3, spin_scale=0.6))
+        assert estimated(flow, unit_of_time=unit) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_flow_that_turns_cells_without_moving_them_is_followed():
+    class Turning(StillWater):
+        speed_scale = max_speed = 0.0
+        spin_scale = max_spin = 1.5
+
+        def spin(self, position):
+            return np.full_like(position[..., 0], self.spin_scale)
+
+    scheme = Collocation.for_interval(Turning(), 1.5, 0.38, 0.38)
+    assert error_of(scheme, Turning(), 0.38) < swimmer.TOLERANCE
+
+
+@pytest.mark.parametrize("flow", [*FLOWS, TaylorGreen(speed_scale=1.0, wavenumber=3.0), TaylorGreen(1e-7)])
+@pytest.mark.parametrize("duration", [0.02, 0.38, 3.0])
+def test_the_scheme_is_the_cheapest_that_keeps_the_tolerance(flow, duration):
+    def cost(nodes, sweeps, substeps):
+        return substeps * sweeps * (nodes + 3)
+
+    found = Collocation.for_interval(flow, 4 * duration, duration, duration)
+    enough = (
+        cost(nodes, sweeps, substeps)
+        for substeps in swimmer.SUBSTEPS
+        for nodes, sweeps in itertools.product((3, 4, 5, 6), (2, 3, 4, 5, 6))
+        if swimmer.error_estimate(flow, 4 * duration, duration, duration, nodes, sweeps, substeps)
+        <= swimmer.TOLERANCE
+    )
+    assert 3 <= found.nodes <= 6
+    assert 2 <= found.sweeps <= 6
+    assert cost(found.nodes, found.sweeps, found.substeps) == min(enough)
+
+
+def test_outputs_are_no_further_apart_than_wanted_and_no_more_than_needed():
+    flow = TaylorGreen(speed_scale=1.0, wavenumber=1.0)
+    assert Collocation.for_interval(flow, 1.5, 0.38, 0.38).outputs == 0
+    for duration, spacing in itertools.product((0.38, 0.78, 3.0), (0.02, 0.019, 0.3, 5.0)):
+        scheme = Collocation.for_interval(flow, 4 * duration, duration, duration, spacing)
+        substep = duration / scheme.substeps
+        assert scheme.outputs >= 1
+        assert substep / scheme.outputs <= spacing * (1 + 1e-6)
+        assert scheme.outputs == 1 or substep / (scheme.outputs - 1) > spacing * (1 - 1e-6)
+
+
+def test_several_cells_swim_by_the_scheme_of_the_longest_and_most_curved_interval(monkeypatch):
+    asked = []
+    choose = Collocation.for_interval
+
+    def recorded(flow, *interval):
+        asked.append(interval)
+        return choose(flow, *interval)
+
+    monkeypatch.setattr(Collocation, "for_interval", recorded)
+    start = pose(np, np.zeros((3, 2)), np.zeros(3))
+    curvature, speed = np.array([3.0, -5.0, 4.0]), np.array([0.5, 2.0, 1.0])
+    swimmer.swim(start, curvature, speed, np.array([-0.3, 0.1, -0.2]), TaylorGreen())
+    assert asked == [(5.0 * 2.0 * 0.1, 0.2, 0.3)]
+
+
+def test_a_flow_that_gives_velocity_and_spin_at_one_go_is_asked_once(xp, cells):
+    class AtOneGo(TaylorGreen):
+        def velocity(self, position):
+            raise AssertionError
+
+        spin = velocity
+
+    np.testing.assert_array_equal(
+        place_and_heading(swum(xp, cells, 0.38, flow=AtOneGo())),
+        place_and_heading(swum(xp, cells, 0.38, flow=TaylorGreen())),
+    )
+
+
+def test_a_flow_in_which_paths_part_too_fast_to_follow_is_an_error():
+    flow = TaylorGreen(speed_scale=3.0, wavenumber=10.0)
+    for duration in (0.78, 1e3):
+        with pytest.raises(ValueError, match=r"flow must vary slowly.* interval of .*got speed_scale = 3"):
+            Collocation.for_interval(flow, 0.78, 7.8, duration)
+
+
+def test_a_flow_that_varies_too_fast_to_follow_is_an_error():
+    with pytest.raises(ValueError, match=r"flow must vary slowly.* in 888 substeps .*got speed_scale = 1000"):
+        Collocation.for_interval(TaylorGreen(speed_scale=1e3, wavenumber=1e3), 2.0, 0.38, 0.38)
+
+
+def test_the_path_in_a_flow_passes_through_its_outputs(xp, cells):
+    position, angle, curvature = cells
+    flow = TaylorGreen()
+    scheme = dataclasses.replace(Collocation.for_interval(flow, 1.9, 0.38, 0.38), substeps=2, outputs=5)
+    ones, durations = array(xp, np.ones(CELLS)), array(xp, np.full(CELLS, 0.38))
+    motions = scheme.motions(array(xp, curvature), ones, durations)
+    weights = array(xp, scheme.weights)
+    _, path = scheme.swim(pose(xp, position, angle), motions, ones, durations, weights, flow)
+    heading = pose(np, position, angle).heading
+    assert path.shape == (10, CELLS, 2)
+    for place, time in zip(to_numpy(path), np.arange(10) * 0.038, strict=True):
+        expected = reference(position, heading, curvature, 1.0, time, flow)[:, :2]
+        np.testing.assert_allclose(place, expected, rtol=0, atol=5e-6)
+
+
+@pytest.mark.parametrize("flow", [None, TaylorGreen()])
+def test_headings_stay_of_unit_length_in_float32(xp, flow):
+    position = np.full((CELLS, 2), 3.0)
+    now = pose(xp, position, np.linspace(-3, 3, CELLS), xp.float32)
+    ones = array(xp, np.ones(CELLS), xp.float32)
+    for _ in range(200):
+        now = swimmer.swim(now, 4 * ones, ones, 0.38 * ones, flow)
+    assert now.position.dtype == now.heading.dtype == xp.float32
+    np.testing.assert_allclose(np.linalg.norm(to_numpy(now.heading), axis=-1), 1, rtol=0, atol=3e-7)
+
+
+def test_the_centre_of_curvature_stays_while_the_curvature_does(xp, cells):
+    position, angle, curvature = cells
+    before = swimmer.centre_of_curvature(pose(xp, position, angle), array(xp, curvature))
+    after = swimmer.centre_of_curvature(swum(xp, cells, 0.38), array(xp, curvature))
+    np.testing.assert_allclose(to_numpy(after), to_numpy(before), rtol=0, atol=1e-14 * 20)
+
+
+@pytest.mark.parametrize("length", [0.0, 0.1, 0.38, 1.0, 3.0])
+@pytest.mark.parametrize("curvature", [3.0, 5.0, -4.0, 0.05, 1e-6, 1e-12, 0.0])
+def test_the_closest_approach_is_that_of_a_densely_sampled_arc(xp, curvature, length):
+    rng = np.random.default_rng(3)
+    cells = 60
+    position, angle = rng.normal(0, 0.7, (cells, 2)), rng.uniform(-np.pi, np.pi, cells)
+    point, kappa, ones = (0.2, -0.1), np.full(cells, curvature), np.ones(cells)
+    closest = swimmer.closest_approach(
+        pose(xp, position, angle), array(xp, kappa), array(xp, length * ones), point
+    )
+    start = pose(np, position, angle)
+    durations = np.linspace(0, length, 2001)[:, None] * ones
+    path = swimmer.along_arc(
+        Pose(start.position, start.heading), swimmer.arc(kappa, ones, durations)
+    ).position
+    sampled = np.linalg.norm(path - np.array(point), axis=-1).min(axis=0)
+    closest = to_numpy(closest)
+    spacing = length / 2000
+    assert np.all(closest <= sampled + 1e-7)
+    # a sample is at most half a spacing from the nearest place
+    assert np.all(closest >= sampled - spacing / 2 - 1e-7)
+
+
+def test_a_circle_around_a_point_is_its_radius_away(xp):
+    on_circle = pose(xp, [[0.5, 0.0]], [np.pi / 2])  # turns around the origin
+    closest = swimmer.closest_approach(on_circle, array(xp, [2.0]), array(xp, [1.0]), (0.0, 0.0))
+    np.testing.assert_allclose(to_numpy(closest), [0.5], rtol=1e-15)

@@ -1,0 +1,325 @@
+"""Trained policies in NumPy and their files: what a file says is checked, and nothing in it can run."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import os
+import pickle
+import struct
+import tracemalloc
+import zipfile
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from safetensors.numpy import save
+
+from swarm.physics.starts import draw_starts
+from swarm.physics.world import World
+from swarm.policies import network as network_module
+from swarm.policies.network import Network, load_policy, parse_policy, save_policy
+from swarm.policies.policy_file import MAX_FILE, PolicyError
+from swarm.policies.strategies import Policy
+from tests.reference import array, to_numpy
+
+CARD = {"n_records": 4, "features": 2, "experiment": "linear_n4"}
+
+
+def make(*sizes, seed=0, card=CARD):
+    """A network of these layer sizes with random parameters."""
+    draw = np.random.default_rng(seed)
+    sizes = sizes or (8, 24, 24, 24, 2)
+    weights = [
+        draw.normal(size=(after, before)) / np.sqrt(before) for before, after in itertools.pairwise(sizes)
+    ]
+    return Network(weights, [0.1 * draw.normal(size=size) for size in sizes[1:]], card)
+
+
+def observations(rows, inputs=8, seed=1):
+    return np.random.default_rng(seed).normal(size=(rows, inputs)).astype(np.float32)
+
+
+def test_values_are_those_of_tanh_layers_and_a_linear_output():
+    first, second = [[1.0, 0, 0, 0], [0, 2.0, 0, 0]], [[1.0, -1.0], [3.0, 0.5]]
+    tiny = Network([first, second], [[0.1, 0.0], [0.0, -1.0]], {"n_records": 2, "features": 2})
+    a, b = np.tanh(0.5 + 0.1), np.tanh(2 * 0.25)
+    assert np.allclose(tiny.values([0.5, 0.25, 9, 9]), [a - b, 3 * a + 0.5 * b - 1], atol=1e-6)
+    assert tiny([0.5, 0.25, 9, 9]) == int(3 * a + 0.5 * b - 1 > a - b)
+
+
+@pytest.mark.parametrize("cells", [1, 2, 40, 63, 64, 65, 1000])
+def test_a_cells_values_are_the_same_to_the_last_bit_whatever_the_number_of_cells(cells):
+    policy, seen = make(), observations(10_000)
+    assert (policy.values(seen[:cells]) == policy.values(seen)[:cells]).all()
+
+
+def test_leading_axes_of_any_number():
+    policy, seen = make(), observations(24)
+    assert (policy.values(seen.reshape(2, 3, 4, 8)).reshape(24, 2) == policy.values(seen)).all()
+    assert policy(seen.reshape(4, 6, 8)).shape == (4, 6)
+    assert policy.values(seen[:0]).shape == (0, 2)
+
+
+def test_it_is_a_policy_and_acts_by_its_values(xp):
+    policy, world = make(), World()
+    start = draw_starts(world, 5, 0)
+    state = world.start(*start)
+    expected = policy(world.observation(state))
+    other = world.start(*(array(xp, part) for part in start))
+    assert isinstance(policy, Policy)
+    assert (to_numpy(policy.act(world, other)) == expected).all()
+
+
+def test_a_blind_network_acts_the_same_whether_or_not_the_world_senses_the_flow():
+    policy = make()
+    blind, aware = (World(flow="taylor_green", sense_flow=sense) for sense in (False, True))
+    start = draw_starts(blind, 50, 0)
+    chosen = [policy.act(world, world.start(*start)) for world in (blind, aware)]
+    assert (chosen[0] == chosen[1]).all()
+    assert 0 < chosen[0].mean() < 1
+
+
+@pytest.mark.parametrize(
+    ("policy", "world", "words"),
+    [
+        (make(), World(n_records=8), ["takes 8 numbers", "world gives 16"]),
+        (
+            make(20, 6, 2, card={"n_records": 4, "features": 5}),
+            World(flow="taylor_green"),
+            ["20", "8", "sense_flow=True"],
+        ),
+        (
+            make(20, 6, 2, card={"n_records": 4, "features": 5}),
+            World(n_records=10),
+            ["20", "n_records = 4", "n_records = 10"],
+        ),
+        (make(), World(curvatures=(3.0, 4.0, 5.0)), ["policy has 2", "world 3"]),
+    ],
+)
+def test_a_policy_that_does_not_fit_the_world_says_both_numbers(policy, world, words):
+    with pytest.raises(PolicyError) as error:
+        policy.act(world, world.start(*draw_starts(world, 2, 0)))
+    assert all(word in str(error.value) for word in words)
+
+
+@pytest.mark.parametrize(
+    ("weights", "biases", "words"),
+    [
+        ([np.zeros((2, 8))], [], "1 weights and 0 biases"),
+        ([np.zeros((2, 8))], [np.zeros(3)], "layers.0.bias must have 2"),
+        ([np.zeros((5, 8)), np.zeros((2, 6))], [np.zeros(5), np.zeros(2)], "layers.1.weight must take the 5"),
+        ([np.zeros((2, 7))], [np.zeros(2)], "4 × 2 = 8, got 7"),
+        ([np.full((2, 8), np.nan)], [np.zeros(2)], "finite"),
+        ([np.full((2, 8), 1e30)], [np.zeros(2)], "finite numbers of size 1e\\+06"),
+        ([np.zeros(8)], [np.zeros(2)], "2 axes"),
+    ],
+)
+def test_layers_that_do_not_chain_are_refused(weights, biases, words):
+    with pytest.raises(PolicyError, match=words):
+        Network(weights, biases, CARD)
+
+
+# --- files -------------------------------------------------------------------------------------------------
+
+
+def test_a_saved_policy_comes_back_bit_by_bit(tmp_path):
+    policy = make(card={**CARD, "validation": {"gain": 29.8, "limit": None}, "seeds": [0, 1], "note": "κ₁ …"})
+    save_policy(policy, tmp_path / "policy.safetensors")
+    again = load_policy(tmp_path / "policy.safetensors")
+    seen = observations(100)
+    assert (again.values(seen) == policy.values(seen)).all()
+    assert again.card == policy.card
+    save_policy(again, tmp_path / "copy")
+    assert (tmp_path / "copy").read_bytes() == (tmp_path / "policy.safetensors").read_bytes()
+
+
+def test_a_run_folder_stands_for_its_policy(tmp_path):
+    save_policy(make(), tmp_path / "policy.safetensors")
+    assert load_policy(str(tmp_path)).card["experiment"] == "linear_n4"
+
+
+def test_an_unknown_shipped_policy_suggests_the_nearest(monkeypatch):
+    monkeypatch.setattr(network_module, "zoo_names", lambda: ["linear_n2", "radial"])
+    with pytest.raises(PolicyError, match=r"linear_n2, radial, got 'linear_2'; did you mean 'linear_n2'\?"):
+        load_policy("zoo:linear_2")
+    with pytest.raises(PolicyError, match="shipped policy must be one of"):
+        load_policy("zoo:../../etc/passwd")
+
+
+def test_a_failed_save_keeps_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "policy.safetensors"
+    save_policy(make(), path)
+    before = path.read_bytes()
+    monkeypatch.setattr(
+        os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device"))
+    )
+    with pytest.raises(OSError, match="No space left"):
+        save_policy(make(seed=5), path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_policy_that_is_not_there_is_named(tmp_path):
+    for missing in (tmp_path / "nothing.safetensors", tmp_path):
+        with pytest.raises(PolicyError, match=f"{tmp_path}.* it is not there"):
+            load_policy(missing)
+
+
+class Canary:
+    """Leaves a file behind when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return (open, (str(self.path), "w"))
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_a_pickle_named_as_a_policy_does_not_run(tmp_path, protocol):
+    canary, path = tmp_path / "canary", tmp_path / "policy.safetensors"
+    path.write_bytes(pickle.dumps(Canary(canary), protocol=protocol))
+    with pytest.raises(PolicyError, match=str(path)):
+        load_policy(path)
+    assert not canary.exists()
+    pickle.loads(path.read_bytes()).close()  # it would have sung
+    assert canary.exists()
+
+
+def test_a_zipped_pickle_as_torch_writes_it_does_not_run(tmp_path):
+    canary, path = tmp_path / "canary", tmp_path / "policy.safetensors"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("archive/data.pkl", pickle.dumps(Canary(canary)))
+    with pytest.raises(PolicyError, match="looks like a pickle"):
+        load_policy(path)
+    assert not canary.exists()
+
+
+def tensors(policy=None):
+    policy = policy or make(8, 3, 2)
+    return {
+        f"layers.{i}.{part}": array
+        for i in range(len(policy.weights))
+        for part, array in (("weight", policy.weights[i]), ("bias", policy.biases[i]))
+    }
+
+
+def written(change=None, *, card=CARD, metadata=None, parameters=None):
+    """The bytes of a policy file whose header was changed."""
+    metadata = (
+        {"chemoswarm": card if isinstance(card, str) else json.dumps(card)} if metadata is None else metadata
+    )
+    data = save(parameters or tensors(), metadata)
+    if change is None:
+        return data
+    (size,) = struct.unpack("<Q", data[:8])
+    header = json.loads(data[8 : 8 + size])
+    changed = change(header) or header
+    text = changed if isinstance(changed, bytes) else json.dumps(changed).encode()
+    return struct.pack("<Q", len(text)) + text + data[8 + size :]
+
+
+def with_entry(name, **entry):
+    return lambda header: header.update({name: {**header.get(name, {}), **entry}})
+
+
+HOSTILE = {
+    "empty": b"",
+    "short": b"\x01\x00",
+    "header beyond the file": struct.pack("<Q", 2**62) + b"{}",
+    "header beyond the limit": struct.pack("<Q", 2**20) + b" " * 2**20,
+    "header is no text": struct.pack("<Q", 4) + b"\xff\xfe\xfd\xfc",
+    "header is no JSON": struct.pack("<Q", 4) + b"{]}}",
+    "header is no object": struct.pack("<Q", 4) + b"[[]]",
+    "header nested without end": struct.pack("<Q", 200_000) + b"[" * 200_000,
+    "header with a key twice": written(
+        lambda header: json.dumps(header).encode()[:-1] + b', "layers.0.bias": {}}'
+    ),
+    "no card": written(metadata={"other": "{}"}),
+    "no metadata": written(lambda header: header.pop("__metadata__") and header),
+    "card is no JSON": written(card="{"),
+    "card is a list": written(card="[]"),
+    "card without its numbers": written(card={"experiment": "linear_n4"}),
+    "card of another size": written(card={"n_records": 8, "features": 2}),
+    "card with a wrong type": written(card={"n_records": "4", "features": 2}),
+    "card with a flag as number": written(card={"n_records": True, "features": 2}),
+    "card with odd features": written(card={"n_records": 2, "features": 4}),
+    "card with NaN": written(card='{"n_records": 4, "features": 2, "gain": NaN}'),
+    "card with infinity": written(card='{"n_records": 4, "features": 2, "gain": 1e999}'),
+    "card with a terminal's escape": written(card={**CARD, "note": "\x1b]0;owned\x07"}),
+    "card with reversed text": written(card={**CARD, "note": "\u202egnp.exe"}),
+    "card nested deep": written(card='{"n_records": 4, "features": 2, "a": ' + "[" * 50 + "]" * 50 + "}"),
+    "card too long": written(card={**CARD, "note": "x" * 100_000}),
+    "another tensor": written(parameters={**tensors(), "extra": np.zeros(2, np.float32)}),
+    "a tensor named as a path": written(parameters={"../layers.0.weight": np.zeros((2, 8), np.float32)}),
+    "a layer left out": written(parameters={k: v for k, v in tensors().items() if k[7] != "0"}),
+    "no tensors": written(lambda header: {"__metadata__": header["__metadata__"]}),
+    "double precision": written(parameters={k: v.astype(float) for k, v in tensors().items()}),
+    "not a number": written(parameters={k: v * np.float32(np.nan) for k, v in tensors().items()}),
+    "a shape of another size": written(with_entry("layers.0.weight", shape=[3, 9])),
+    "a shape beyond the limit": written(with_entry("layers.0.weight", shape=[2**40, 2**40])),
+    "a negative shape": written(with_entry("layers.0.weight", shape=[-3, -8])),
+    "a shape of text": written(with_entry("layers.0.weight", shape="3, 8")),
+    "an entry of text": written(lambda header: header.update({"layers.0.bias": "x"})),
+    "offsets beyond the file": written(with_entry("layers.0.weight", data_offsets=[0, 2**50])),
+    "offsets that overlap": written(with_entry("layers.0.weight", data_offsets=[0, 96])),
+    "data cut off": written()[:-4],
+    "data too long": written() + bytes(4),
+    "layers that do not chain": written(
+        parameters=tensors() | {"layers.1.weight": np.zeros((2, 5), np.float32)}
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_malformed_file_is_refused_by_name_and_costs_no_memory(tmp_path, name):
+    path = tmp_path / "policy.safetensors"
+    path.write_bytes(HOSTILE[name])
+    tracemalloc.start()
+    try:
+        with pytest.raises(PolicyError) as error:
+            load_policy(path)
+        assert str(path) in str(error.value)
+        assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("length", range(0, 600, 7))
+def test_a_header_of_any_length_is_accepted(length):
+    card = {**CARD, "note": "x" * length}
+    assert parse_policy(written(card=card), "bytes").card["note"] == card["note"]
+
+
+def test_the_unchanged_file_is_accepted():
+    assert parse_policy(written(), "bytes").n_actions == 2
+    assert parse_policy(written(lambda header: header), "bytes").n_actions == 2
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    with path.open("wb") as file:
+        file.truncate(MAX_FILE + 1)  # takes no space
+    with pytest.raises(PolicyError, match=f"at most {MAX_FILE} bytes"):
+        load_policy(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "policy.safetensors")
+    with pytest.raises(PolicyError, match="ordinary file"):
+        load_policy(tmp_path)
+
+
+@given(st.data())
+def test_a_damaged_file_gives_a_policy_or_an_error_that_says_so(data):
+    whole = bytearray(written())
+    for _ in range(data.draw(st.integers(1, 4))):
+        whole[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
+    cut = data.draw(st.integers(0, len(whole)))
+    for damaged in (bytes(whole), bytes(whole[:cut])):
+        with contextlib.suppress(PolicyError):
+            parse_policy(damaged, "damaged")

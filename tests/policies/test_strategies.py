@@ -1,0 +1,193 @@
+"""Strategies: what they choose, on any array library and with any leading axes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from array_api_compat import array_namespace
+
+from swarm.physics.starts import draw_starts
+from swarm.physics.world import World
+from swarm.policies.network import load_policy
+from swarm.policies.strategies import FromObservation, Greedy, Policy, Random, Swinging
+from swarm.population.contest import population_test
+from tests.reference import array, to_numpy
+
+THREE = (3.0, 4.0, 5.0)
+
+
+def state_with(xp, world, concentrations, last_action):
+    """A state whose records hold these concentrations (cells, N_T), newest first, after these actions."""
+    cells = len(concentrations)
+    start = draw_starts(world, cells, 0)
+    past = np.zeros((cells, world.n_records), int)
+    past[:, 0] = last_action
+    state = world.start(array(xp, start.position), array(xp, start.heading), array(xp, past))
+    memory = np.array(to_numpy(state.memory))
+    memory[..., 0] = concentrations
+    return state._replace(memory=array(xp, memory))
+
+
+def test_every_strategy_is_a_policy():
+    assert all(isinstance(strategy, Policy) for strategy in (Greedy(), Swinging(), Random()))
+
+
+@pytest.mark.parametrize("curvatures", [(3.0, 5.0), THREE])
+def test_greedy_takes_the_highest_curvature_at_the_largest_record_and_the_lowest_at_the_smallest(
+    xp, curvatures
+):
+    world = World(curvatures=curvatures)
+    top = world.n_actions - 1
+    records = np.array([[9, 1, 2, 3], [0, 1, 2, 3], [5, 5, 2, 3], [1, 1, 2, 3]], float)
+    state = state_with(xp, world, records, [0, top, 0, top])
+    assert to_numpy(Greedy().act(world, state)).tolist() == [top, 0, top, 0]
+
+
+@pytest.mark.parametrize("kept", [0, 1, 2])
+def test_greedy_keeps_the_curvature_in_between(xp, kept):
+    world = World(curvatures=THREE)
+    state = state_with(xp, world, np.array([[2.0, 1, 2, 3]]), [kept])
+    assert to_numpy(Greedy().act(world, state)).tolist() == [kept]
+
+
+def test_greedy_takes_the_highest_curvature_where_all_records_are_equal(xp):
+    world = World()
+    state = state_with(xp, world, np.full((2, 4), 7.0), [0, 1])
+    assert to_numpy(Greedy().act(world, state)).tolist() == [1, 1]
+
+
+@pytest.mark.parametrize("n_records", [2, 3, 4, 5, 8])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"varying_speed": True},
+        {"interval_rule": "exact"},
+        {"interval_rule": "exact", "varying_speed": True},
+        {"curvatures": THREE, "varying_speed": True},
+    ],
+    ids=str,
+)
+def test_swinging_switches_every_half_cycle_whatever_the_clock(n_records, options):
+    world = World(n_records=n_records, life=30.0, **options)
+    state = world.start(*draw_starts(world, 3, 0))
+    decision = 0
+    while not state.finished.all():
+        action = Swinging().act(world, state)
+        expected = (2 * decision // n_records) % 2 * (world.n_actions - 1)
+        assert (action == expected).all()
+        state, _ = world.step(state, action)
+        decision += 1
+    assert decision > 4 * n_records
+
+
+def test_swinging_in_the_middle_of_a_life_asks_the_clock_alone(xp):
+    world = World(
+        varying_speed=True
+    )  # 0.34 with the first action, 0.42 with the second: 38 ticks per half cycle
+    state = state_with(xp, world, np.zeros((5, 4)), [0] * 5)
+    state = state._replace(clock=array(xp, np.array([0, 33, 34, 75, 76]), xp.int32))
+    assert to_numpy(Swinging().act(world, state)).tolist() == [0, 0, 1, 1, 0]
+
+
+def test_random_takes_each_action_with_equal_chance(xp):
+    world = World(curvatures=THREE)
+    uniform = np.random.default_rng(0).random(30_000)
+    action = to_numpy(Random().act(world, None, array(xp, uniform)))
+    assert np.allclose(np.bincount(action, minlength=3) / len(action), 1 / 3, atol=0.01)
+    assert (action == np.floor(uniform * 3)).all()
+
+
+def test_random_stays_in_range_where_float32_rounds_up(xp):
+    almost_one = array(xp, np.array([1 - 1e-9]), xp.float32)
+    assert to_numpy(almost_one) == 1
+    assert to_numpy(Random().act(World(curvatures=THREE), None, almost_one)).tolist() == [2]
+
+
+def test_random_without_numbers_is_an_error():
+    with pytest.raises(ValueError, match="uniform must be given"):
+        Random().act(World(), None, None)
+
+
+@pytest.mark.parametrize("strategy", [Greedy(), Swinging()], ids=str)
+@pytest.mark.parametrize(
+    "options", [{}, {"varying_speed": True}, {"interval_rule": "exact", "varying_speed": True}], ids=str
+)
+def test_leading_axes_and_the_library_change_nothing(xp, strategy, options):
+    world = World(**options)
+    position, heading, past = draw_starts(world, 6, 0)
+    flat = world.start(position, heading, past)
+    folded = world.start(
+        array(xp, position.reshape(2, 3, 2)),
+        array(xp, heading.reshape(2, 3)),
+        array(xp, past.reshape(2, 3, -1)),
+    )
+    for _ in range(9):
+        action = strategy.act(world, flat)
+        many = strategy.act(world, folded)
+        assert many.shape == (2, 3)
+        assert (to_numpy(many).ravel() == action).all()
+        flat, _ = world.step(flat, action)
+        folded, _ = world.step(folded, many)
+
+
+def above_the_mean(observation):
+    return array_namespace(observation).astype(observation[..., 0] > 0, array_namespace(observation).int32)
+
+
+def test_a_function_of_the_observation_steers_as_a_policy_written_out_does(xp):
+    world = World()
+    state = state_with(xp, world, np.array([[9.0, 1, 2, 3], [0, 1, 2, 3]]), [0, 1])
+    policy = FromObservation(above_the_mean)
+    assert isinstance(policy, Policy)
+    action = policy.act(world, state)
+    assert to_numpy(action).tolist() == [1, 0]
+    assert action.dtype == xp.int32
+    assert type(action) is type(state.memory)
+
+
+def test_a_network_as_a_function_lives_the_networks_own_lives():
+    network = load_policy("zoo:linear_n4")
+    contest = {"one": network, "other": FromObservation(network)}
+    gain = population_test(World(), contest, cells=5, life=30, record=False, limit=False)["gain"]
+    assert np.array_equal(gain.sel(policy="one"), gain.sel(policy="other"))
+
+
+@pytest.mark.parametrize("kind", [list, np.asarray])
+def test_a_function_may_return_lists_and_numpy_arrays(xp, kind):
+    world = World()
+    state = state_with(xp, world, np.zeros((3, 4)), [0, 0, 0])
+    action = FromObservation(lambda seen: kind([0, 1, 1])).act(world, state)
+    assert type(action) is type(state.memory)
+    assert to_numpy(action).tolist() == [0, 1, 1]
+
+
+def test_a_function_may_have_leading_axes():
+    world = World()
+    state = world.start(np.zeros((2, 3, 2)), np.zeros((2, 3)), np.zeros((2, 3, 4), int))
+    assert FromObservation(above_the_mean).act(world, state).shape == (2, 3)
+
+
+@pytest.mark.parametrize("options", [{}, {"interval_rule": "exact", "varying_speed": True}])
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        ([0, 1], r"one for each cell \(3,\), got int64 of shape \(2,\)"),
+        ([[0, 1, 1]], r"one for each cell \(3,\), got int64 of shape \(1, 3\)"),
+        (1, r"one for each cell \(3,\)"),
+        ([0.0, 1.0, 0.0], "actions must be whole numbers, .* got float64"),
+        ([True, False, True], "actions must be whole numbers, .* got bool"),
+        (None, "actions must be whole numbers, .* got object"),
+        ([0, 2, 1], r"actions must lie in 0 … 1, got 2"),
+        ([-1, 0, 1], r"actions must lie in 0 … 1, got -1"),
+    ],
+)
+def test_a_function_that_returns_no_actions_is_told(chosen, message, options):
+    policy, world = FromObservation(lambda observation: chosen), World(**options)
+    with pytest.raises(ValueError, match=message):
+        population_test(world, {"wrong": policy}, cells=3, life=2, limit=False)
+
+
+def test_something_that_is_no_function_is_refused():
+    with pytest.raises(TypeError, match="function must map observations to actions, got 3"):
+        FromObservation(3)

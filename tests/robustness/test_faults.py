@@ -1,0 +1,560 @@
+"""Faults: each ends in one clear line and a non-zero exit code, and what was saved before is kept."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import importlib.util
+import io
+import json
+import os
+import resource
+import shutil
+import signal
+from pathlib import Path
+
+import pytest
+import torch
+import typer
+
+from swarm.envs.torchrl import SwarmEnv
+from tests.short_runs import assert_equal_runs, short_settings, start, whole
+from trainers.algorithms import dqn
+from trainers.jobs import launch as launching
+from trainers.settings.composition import SettingsError
+from trainers.settings.schema import check_settings
+from trainers.training import checkpoint as checkpoints
+from trainers.training import run as running
+from trainers.training import run_folder as runs
+
+SETTINGS = short_settings(world={"concentration_noise": 0.05}, learning={"epochs": 8})
+
+
+@pytest.fixture(autouse=True)
+def quick_and_alone(monkeypatch, tmp_path):
+    """No waiting for the disk, no figures."""
+    monkeypatch.setattr(os, "fsync", lambda descriptor: None)
+    monkeypatch.setattr(running, "draw", lambda made, run: None)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    """The run to which nothing happened."""
+    return whole(tmp_path_factory.mktemp("expected") / "run", SETTINGS)
+
+
+def begin(folder="run", settings=SETTINGS):
+    launching.begin(settings, Path(folder))
+
+
+def resume(folder="run"):
+    launching.resume(Path(folder))
+
+
+def message(capsys, command, *arguments):
+    """The one line that a failing command says."""
+    capsys.readouterr()
+    with pytest.raises(typer.Exit) as ended:
+        command(*arguments)
+    assert ended.value.exit_code != 0
+    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("swarm: ")]
+    assert len(said) == 1, said
+    return said[0]
+
+
+def after(monkeypatch, epoch, fault):
+    """Lets `fault(run)` happen once, when that epoch is over and what is due is saved."""
+    happened = []
+    original = running._epoch
+
+    def wrapped(made, run, log):
+        if made.epoch == epoch and not happened:
+            happened.append(True)
+            fault(run)
+        return original(made, run, log)
+
+    monkeypatch.setattr(running, "_epoch", wrapped)
+
+
+def broken_after(monkeypatch, epoch):
+    """A run that was stopped in the middle."""
+
+    def stop(run):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, contextlib.suppress(typer.Exit):
+        after(patch, epoch, stop)
+        begin()
+    return runs.RunFolder(Path("run"))
+
+
+def listed(run):
+    return sorted(path.name for path in (run.path / runs.CHECKPOINTS).iterdir())
+
+
+# --- the disk -----------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def no_file_above(size):
+    """Within, no file can grow beyond that many bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_file_that_cannot_grow_ends_the_run_and_the_checkpoint_before_is_kept(
+    monkeypatch, capsys, expected
+):
+    limit = no_file_above(2000)
+    after(monkeypatch, 3, lambda run: limit.__enter__())
+    try:
+        said = message(capsys, begin)
+    finally:
+        limit.__exit__(None, None, None)
+    assert "epoch_000004" in said
+    assert "File too large" in said
+    assert "swarm train resume=run" in said
+    assert listed(runs.RunFolder(Path("run"))) == ["epoch_000002"]
+    resume()
+    assert_equal_runs(runs.RunFolder(Path("run")), expected)
+
+
+def test_a_full_disk_ends_the_run_and_names_the_file(monkeypatch, capsys, expected):
+    def fill(run):
+        (run.path / runs.METRICS).unlink()
+        (run.path / runs.METRICS).symlink_to("/dev/full")
+
+    with monkeypatch.context() as patch:
+        after(patch, 5, fill)
+        said = message(capsys, begin)
+    assert "No space left on device" in said
+    assert "metrics.csv" in said
+    assert "swarm train resume=run" in said
+    resume()
+    assert_equal_runs(runs.RunFolder(Path("run")), expected)
+
+
+def test_a_full_disk_leaves_no_half_of_a_checkpoint(monkeypatch, capsys, expected):
+    full = [True]
+    original = Path.write_bytes
+
+    def write(path, data):
+        if full and "epoch_000004" in str(path):
+            original(path, data[: len(data) // 2])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return original(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", write)
+    said = message(capsys, begin)
+    assert "No space left on device" in said
+    assert "epoch_000004" in said
+    assert listed(runs.RunFolder(Path("run"))) == ["epoch_000002"]
+    full.clear()
+    resume()
+    assert_equal_runs(runs.RunFolder(Path("run")), expected)
+
+
+def read_only(monkeypatch, folder):
+    """Nothing can be made or opened for writing in the folder. Root may always write, so it is simulated."""
+
+    def refused(path):
+        inside = Path(os.path.abspath(path)).is_relative_to(Path(folder).absolute())
+        if inside:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+
+    def guarded(owner, name, writes):
+        original = getattr(owner, name)
+
+        def call(path, *arguments, **options):
+            if writes(*arguments, **options):
+                refused(path)
+            return original(path, *arguments, **options)
+
+        monkeypatch.setattr(owner, name, call)
+
+    guarded(os, "mkdir", lambda *_, **__: True)
+    guarded(os, "open", lambda flags=0, *_, **__: bool(flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)))
+    guarded(io, "open", lambda mode="r", *_, **__: not set(mode).isdisjoint("wax+"))
+
+
+def test_a_folder_that_cannot_be_written_is_said_before_anything_is_trained(monkeypatch, capsys):
+    read_only(monkeypatch, ".")
+    said = message(capsys, begin, "some/run")
+    assert "Read-only file system" in said
+    assert "some" in said
+
+
+def test_a_run_folder_that_became_read_only_is_left_as_it_is(monkeypatch, capsys, expected):
+    run = broken_after(monkeypatch, 5)
+    before = {path: path.read_bytes() for path in run.path.rglob("*") if path.is_file()}
+    with monkeypatch.context() as patch:
+        read_only(patch, "run")
+        said = message(capsys, resume)
+        assert "Read-only file system: run" in said
+        assert "resume=run" in said
+    assert {path: path.read_bytes() for path in run.path.rglob("*") if path.is_file()} == before
+    resume()
+    assert_equal_runs(run, expected)
+
+
+def test_a_finished_run_in_a_read_only_folder_still_says_so(monkeypatch, capsys):
+    begin()
+    read_only(monkeypatch, "run")
+    resume()
+    assert "run is finished after 8 epochs" in capsys.readouterr().out
+
+
+def test_a_run_folder_deleted_while_running_ends_the_run(monkeypatch, capsys):
+    after(monkeypatch, 3, lambda run: shutil.rmtree(run.path))
+    said = message(capsys, begin)
+    assert "No such file or directory: run/metrics.csv" in said
+    assert not Path("run").exists()
+
+
+def test_a_table_deleted_while_running_ends_the_run_which_can_go_on(monkeypatch, capsys, expected):
+    with monkeypatch.context() as patch:
+        after(patch, 3, lambda run: (run.path / runs.METRICS).unlink())
+        assert "run/metrics.csv" in message(capsys, begin)
+    resume()
+    assert_equal_runs(runs.RunFolder(Path("run")), expected)
+
+
+def test_what_is_there_is_never_overwritten(capsys):
+    Path("run").mkdir()
+    Path("run/notes.txt").write_text("mine")
+    assert "run must be a new or an empty folder" in message(capsys, begin)
+    assert [path.name for path in Path("run").iterdir()] == ["notes.txt"]
+    Path("file").write_text("mine")
+    assert "file must be a new or an empty folder" in message(capsys, begin, "file")
+    assert Path("file").read_text() == "mine"
+    assert "not the current one" in message(capsys, in_an_empty_folder, ".")
+
+
+def in_an_empty_folder(folder):
+    Path("empty").mkdir()
+    os.chdir("empty")
+    begin(folder)
+
+
+def test_an_empty_folder_may_be_used():
+    Path("run").mkdir()
+    begin()
+    assert runs.RunFolder(Path("run")).finished
+
+
+# --- checkpoints --------------------------------------------------------------------------------------------
+
+
+def newest_file(run, name=checkpoints.TENSORS):
+    return run.path / runs.CHECKPOINTS / listed(run)[-1] / name
+
+
+def flip(file):
+    data = bytearray(file.read_bytes())
+    data[-5] ^= 8
+    file.write_bytes(data)
+
+
+def cut(file):
+    file.write_bytes(file.read_bytes()[:1000])
+
+
+@pytest.mark.parametrize("harm", [flip, cut, Path.unlink])
+def test_a_damaged_checkpoint_is_said_and_the_one_before_is_gone_on_from(monkeypatch, capsys, harm, expected):
+    run = broken_after(monkeypatch, 5)
+    assert listed(run) == ["epoch_000002", "epoch_000004"]
+    harm(newest_file(run))
+    capsys.readouterr()
+    resume()
+    said = capsys.readouterr().err.splitlines()[0]
+    assert "epoch_000004 is damaged" in said
+    assert "going on from epoch 2" in said
+    assert_equal_runs(run, expected)
+
+
+def test_where_both_checkpoints_are_damaged_the_run_does_not_go_on(monkeypatch, capsys, expected):
+    run = broken_after(monkeypatch, 5)
+    for file in (run.path / runs.CHECKPOINTS).rglob(checkpoints.TENSORS):
+        flip(file)
+    said = message(capsys, resume)
+    assert "epoch_000002 is damaged" in said
+    assert "epoch_000004 is damaged" in said
+    assert "to start again from epoch 0, remove run/checkpoints" in said
+    shutil.rmtree(run.path / runs.CHECKPOINTS)
+    resume()
+    assert_equal_runs(run, expected)
+
+
+def test_a_checkpoint_of_another_experiment_is_refused(monkeypatch, capsys):
+    run = broken_after(monkeypatch, 5)
+    other = whole(Path("other"), short_settings(experiment="linear_n8", world={"n_records": 8}))
+    shutil.rmtree(run.path / runs.CHECKPOINTS)
+    shutil.copytree(other.path / runs.CHECKPOINTS, run.path / runs.CHECKPOINTS)
+    said = message(capsys, resume)
+    assert "must come from this run" in said
+    assert "experiment" in said
+    assert "world" in said
+
+
+def test_a_checkpoint_of_a_newer_version_is_refused(monkeypatch, capsys):
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoints, "FORMAT", checkpoints.FORMAT + 1)
+        broken_after(monkeypatch, 5)
+    assert "must have format 1, which this version of chemoswarm reads, got 2" in message(capsys, resume)
+
+
+def forged(run, change):
+    """Puts a checkpoint with another content, and its right checksum, in the place of the newest."""
+    manifest = json.loads(newest_file(run, checkpoints.MANIFEST).read_text())
+    found = checkpoints.read_newest(run.path / runs.CHECKPOINTS, manifest["settings"])
+    tensors, record, _ = found
+    change(tensors, record)
+    shutil.rmtree(run.path / runs.CHECKPOINTS)
+    checkpoints.write(run.path / runs.CHECKPOINTS, 4, tensors, record, manifest["settings"])
+
+
+FORGERIES = {
+    "a tensor is missing": lambda tensors, record: tensors.pop("online"),
+    "one too many": lambda tensors, record: tensors.update(more=torch.zeros(1)),
+    "another shape": lambda tensors, record: tensors.update(online=torch.zeros(1, 5)),
+    "another type": lambda tensors, record: tensors.update(best_epoch=torch.zeros(1)),
+    "no rows": lambda tensors, record: tensors.update(buffer=tensors["buffer"][:0]),
+    "unknown actions": lambda tensors, record: tensors["buffer"][..., -4].fill_(7),
+    "a counter is missing": lambda tensors, record: record.pop("cursor"),
+    "a counter is text": lambda tensors, record: record.update(epoch="4"),
+    "a counter is negative": lambda tensors, record: record.update(updates=-1),
+    "a place beyond the buffer": lambda tensors, record: record.update(cursor=10**9),
+    "an epoch beyond the end": lambda tensors, record: record.update(epoch=10**6),
+}
+
+
+@pytest.mark.parametrize("forgery", FORGERIES)
+def test_a_checkpoint_that_does_not_fit_is_refused(monkeypatch, capsys, forgery):
+    run = broken_after(monkeypatch, 5)
+    forged(run, FORGERIES[forgery])
+    said = message(capsys, resume)
+    assert "run/checkpoints: checkpoint" in said
+
+
+def test_a_checkpoint_larger_than_the_run_can_make_it_is_not_read(monkeypatch, capsys):
+    run = broken_after(monkeypatch, 5)
+    os.truncate(newest_file(run), 2**35)
+    capsys.readouterr()
+    resume()
+    assert "must have at most" in capsys.readouterr().err
+
+
+# --- tables and other files of a run ------------------------------------------------------------------------
+
+
+def test_a_half_written_last_line_is_left_out_and_mended(monkeypatch, expected):
+    run = broken_after(monkeypatch, 5)
+    for name in (runs.METRICS, runs.TIMINGS):
+        whole_rows = run.rows(name)
+        with (run.path / name).open("ab") as file:
+            file.write(b"6,3,0.123\xff")
+        assert run.rows(name) == whole_rows
+    resume()
+    assert_equal_runs(run, expected)
+    assert [row["epoch"] for row in run.rows(runs.TIMINGS)] == list("12345678")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '"' * 1000])
+def test_a_damaged_record_of_versions_does_not_stop_a_run(monkeypatch, expected, text):
+    run = broken_after(monkeypatch, 3)
+    (run.path / runs.PROVENANCE).write_text(text)
+    resume()
+    assert run.finished
+    assert_equal_runs(run, expected)
+
+
+def test_other_versions_are_said(monkeypatch, capsys):
+    run = broken_after(monkeypatch, 3)
+    record = run.record
+    record["versions"]["numpy"] = "1.0"
+    (run.path / runs.PROVENANCE).write_text(json.dumps(record))
+    capsys.readouterr()
+    resume()
+    assert "numpy changed since the run began: it goes on, but not bit for bit" in capsys.readouterr().err
+
+
+def test_a_finished_run_says_so_and_is_left_as_it_is(capsys):
+    begin()
+    before = {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
+    capsys.readouterr()
+    resume()
+    assert "run is finished after 8 epochs; nothing is left" in capsys.readouterr().out
+    assert {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()} == before
+
+
+def test_a_run_killed_before_its_first_checkpoint_starts_again(monkeypatch, expected):
+    run = broken_after(monkeypatch, 1)
+    assert not (run.path / runs.CHECKPOINTS).exists()
+    resume()
+    assert_equal_runs(run, expected)
+
+
+@pytest.mark.parametrize("folder", ["nowhere", "", "file", "empty"])
+def test_only_runs_can_be_resumed(capsys, folder):
+    Path("empty").mkdir()
+    Path("file").write_text("no run")
+    assert "resume must name the folder of a run" in message(capsys, resume, folder)
+
+
+# --- numbers ------------------------------------------------------------------------------------------------
+
+
+def test_a_reward_that_is_no_number_ends_the_run_and_names_the_cell(monkeypatch, capsys, expected):
+    original, calls = SwarmEnv.advance, iter(range(10**6))
+
+    def advance(env, action):
+        result = original(env, action)
+        if env.population == "training" and next(calls) == 60:
+            result.reward[0, 3] = float("nan")
+        return result
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SwarmEnv, "advance", advance)
+        said = message(capsys, begin)
+    assert "reward must be finite, got nan for cell 3 of seed 3 in epoch" in said
+    resume()
+    assert_equal_runs(runs.RunFolder(Path("run")), expected)
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf")])
+def test_a_loss_that_is_no_number_ends_the_run_and_names_the_epoch(monkeypatch, capsys, number, expected):
+    original, calls = dqn.dqn_loss, iter(range(10**6))
+
+    def loss(*arguments, **options):
+        outcome = original(*arguments, **options)
+        return outcome._replace(error=outcome.error * number) if next(calls) == 29 else outcome
+
+    with monkeypatch.context() as patch:
+        patch.setattr(dqn, "dqn_loss", loss)
+        said = message(capsys, begin)
+    assert f"loss must be finite, got {number} in epoch 5 of seed 3" in said
+    assert listed(runs.RunFolder(Path("run"))) == ["epoch_000002", "epoch_000004"]
+    resume()
+    assert_equal_runs(runs.RunFolder(Path("run")), expected)
+
+
+def test_a_learning_rate_that_is_too_high_ends_the_run_with_advice(capsys):
+    settings = short_settings(learning={"learning_rate": 1e38, "loss": "squared"})
+    said = message(capsys, begin, "run", settings)
+    assert "must be finite" in said
+    assert "a lower learning.learning_rate may help" in said
+
+
+# --- Ctrl-C -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_saves_and_says_how_to_go_on(monkeypatch, capsys, number, expected):
+    before = signal.getsignal(number)
+    with monkeypatch.context() as patch:
+        after(patch, 4, lambda run: signal.raise_signal(number))
+        said = message(capsys, begin)
+    assert "stopped after epoch 5; to go on: swarm train resume=run" in said
+    assert listed(runs.RunFolder(Path("run"))) == ["epoch_000004", "epoch_000005"]
+    assert signal.getsignal(number) is before
+    resume()
+    assert_equal_runs(runs.RunFolder(Path("run")), expected)
+
+
+def test_a_second_ctrl_c_stops_at_once(monkeypatch, capsys, expected):
+    def twice(run):
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    with monkeypatch.context() as patch:
+        after(patch, 3, twice)
+        said = message(capsys, begin)
+    assert "stopped at once; what was saved before is kept; to go on: swarm train resume=run" in said
+    assert listed(runs.RunFolder(Path("run"))) == ["epoch_000002"]
+    resume()
+    assert_equal_runs(runs.RunFolder(Path("run")), expected)
+
+
+# --- two processes ------------------------------------------------------------------------------------------
+
+
+def test_a_second_process_on_the_same_run_is_refused(monkeypatch, capsys):
+    broken_after(monkeypatch, 3)
+    with open("run/.lock", "a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert "run is being trained by another process" in message(capsys, resume)
+    resume()
+    assert runs.RunFolder(Path("run")).finished
+
+
+def test_a_file_system_without_locks_is_no_hindrance(monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOTSUP, "not supported")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    begin()
+    assert runs.RunFolder(Path("run")).finished
+
+
+# --- the machine --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"learning": {"buffer_size": 10**12}}, "GiB of memory, this machine has"),
+        ({"learning": {"n_swimmers": 10**15}}, "GiB of memory"),
+        ({"n_seeds": 10**15}, "GiB of memory"),
+        ({"device": "cuda:99"}, "device must be one that torch finds here, got 'cuda:99'"),
+    ],
+)
+def test_what_the_machine_cannot_do_is_said_before_there_is_a_folder(capsys, settings, said):
+    assert said in message(capsys, begin, "run", short_settings(**settings))
+    assert not Path("run").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [("torchrl", {}), ("tensorboard", {"tensorboard": True}), ("wandb", {"wandb": True})],
+)
+def test_a_missing_package_is_said_before_there_is_a_folder(monkeypatch, capsys, name, settings):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda wanted, *rest: None if wanted == name else find(wanted, *rest)
+    )
+    assert f"needs {name}, which is not installed" in message(
+        capsys, begin, "run", short_settings(**settings)
+    )
+    assert not Path("run").exists()
+
+
+def test_settings_are_checked_before_there_is_a_folder(capsys):
+    said = message(capsys, launching.train_from, ["learning.epochs=0", "hydra.run.dir=run"])
+    assert said == "swarm: learning.epochs must be a whole number of at least 1, got 0"
+    assert not Path("run").exists()
+    assert not Path("runs").exists()
+
+
+def test_settings_that_break_a_rule_cannot_be_made():
+    with pytest.raises(SettingsError, match="epochs"):
+        launching.settings_from_stored({"learning": {"epochs": 0}})
+    check_settings(SETTINGS)
+
+
+def test_memory_that_runs_out_is_said(monkeypatch, capsys):
+    def fail(run):
+        raise MemoryError
+
+    after(monkeypatch, 3, fail)
+    assert "there was not enough memory; what was saved before is kept" in message(capsys, begin)
+
+
+def test_a_run_can_be_started_where_parents_are_missing():
+    start(Path("a/b/run"), SETTINGS)
+    assert sorted(path.name for path in Path("a/b/run").iterdir()) == ["run.json", "settings.yaml"]

@@ -1,0 +1,90 @@
+"""`import swarm` is light, and offers what it promises."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import swarm
+
+ROOT = Path(__file__).parents[2]
+LAZY = sorted(name for name in swarm.__all__ if name in swarm._LAZY)
+
+
+def fresh(code):
+    """What a new interpreter prints."""
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return run.stdout
+
+
+def seconds(imports):
+    return float(
+        fresh(f"from time import perf_counter as now; t = now(); import {imports}; print(now() - t)")
+    )
+
+
+def test_importing_swarm_takes_at_most_twice_as_long_as_what_it_stands_on():
+    foundation, ours = [], []
+    for _ in range(8):  # by turns, so that what else the machine does falls on both
+        foundation.append(seconds("numpy, gymnasium, pettingzoo"))
+        ours.append(seconds("swarm"))
+        if min(ours) <= 1.6 * min(foundation) and len(ours) > 2:
+            break
+    assert min(ours) <= 2 * min(foundation)
+
+
+def test_light_names_are_there_at_once():
+    for name in (
+        "World",
+        "LinearField",
+        "RadialField",
+        "StillWater",
+        "TaylorGreen",
+        "Greedy",
+        "Swinging",
+        "Random",
+        "parallel_env",
+        "__version__",
+    ):
+        assert name in vars(swarm)
+        assert name in swarm.__all__
+
+
+def test_the_contract_s_names_are_promised():
+    assert {"population_test", "limit", "load_policy", "Optimal"} <= set(swarm.__all__)
+
+
+@pytest.mark.parametrize("name", LAZY)
+def test_heavy_names_are_loaded_when_they_are_asked_for(name):
+    module = f"swarm.{swarm._LAZY[name]}"
+    assert importlib.util.find_spec(module) is not None
+    loaded = fresh(
+        f"import sys, swarm; before = {module!r} in sys.modules; swarm.{name}; "
+        f"print(before, {module!r} in sys.modules, {name!r} in vars(swarm))"
+    )
+    assert loaded.split() == ["False", "True", "True"]
+
+
+def test_all_names_are_listed_and_exist():
+    assert list(swarm.__all__) == sorted(swarm.__all__)
+    assert set(swarm.__all__) <= set(dir(swarm))
+    for name in swarm.__all__:
+        assert getattr(swarm, name) is not None
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="module 'swarm' has no attribute 'swimmer_zoo'"):
+        _ = swarm.swimmer_zoo
+
+
+def test_the_version_is_that_of_the_distribution():
+    import tomllib
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert swarm.__version__ == project["version"]

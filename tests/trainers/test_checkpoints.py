@@ -1,0 +1,257 @@
+"""Checkpoints: whole or not there, checked, rotated; a crash at any instant leaves a valid one."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+
+from swarm._support import files
+from tests.short_runs import Crash
+from trainers.training import checkpoint as checkpoints
+from trainers.training.checkpoint import MANIFEST, TENSORS, CheckpointError, read_newest, tidy, write
+
+SETTINGS = {"experiment": "linear_n4", "seed": 0, "learning": {"epochs": 9}}
+
+
+def tensors(epoch):
+    return {
+        "weights": torch.full((3, 4), float(epoch)),
+        "step": torch.tensor(epoch),
+        "flags": torch.tensor([True, False]),
+    }
+
+
+def save(folder, epoch):
+    write(folder, epoch, tensors(epoch), {"epoch": epoch, "cursor": 7}, SETTINGS)
+
+
+def newest(folder):
+    """Epoch and complaints of what would be gone on from."""
+    found, record, complaints = read_newest(folder, SETTINGS)
+    assert torch.equal(found["weights"], tensors(record["epoch"])["weights"])
+    return record["epoch"], complaints
+
+
+def damage(path, place, change=lambda byte: byte ^ 1):
+    data = bytearray(path.read_bytes())
+    data[place] = change(data[place])
+    path.write_bytes(data)
+
+
+def test_what_is_read_is_what_was_written(tmp_path):
+    save(tmp_path, 5)
+    found, record, complaints = read_newest(tmp_path, SETTINGS)
+    assert found.keys() == tensors(5).keys()
+    for name, value in tensors(5).items():
+        assert found[name].dtype == value.dtype
+        assert torch.equal(found[name], value)
+    assert record == {"epoch": 5, "cursor": 7}
+    assert complaints == []
+
+
+def test_where_there_is_no_checkpoint_there_is_none_to_read(tmp_path):
+    assert read_newest(tmp_path, SETTINGS) is None
+    assert read_newest(tmp_path / "not there", SETTINGS) is None
+
+
+def test_only_the_newest_two_are_kept_counted_as_numbers(tmp_path):
+    for epoch in (1, 2, 999_999, 1_000_000, 10_000_000):
+        save(tmp_path, epoch)
+    assert {path.name for path in tmp_path.iterdir()} == {"epoch_1000000", "epoch_10000000"}
+    assert newest(tmp_path) == (10_000_000, [])
+
+
+def test_a_checkpoint_of_the_same_epoch_takes_the_place_of_a_damaged_one(tmp_path):
+    save(tmp_path, 4)
+    damage(tmp_path / "epoch_000004" / TENSORS, -1)
+    save(tmp_path, 4)
+    assert newest(tmp_path) == (4, [])
+
+
+# --- damage -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [MANIFEST, TENSORS])
+def test_every_flipped_bit_is_noticed_and_the_previous_checkpoint_taken(tmp_path, name):
+    save(tmp_path, 1)
+    save(tmp_path, 2)
+    file = tmp_path / "epoch_000002" / name
+    whole = file.read_bytes()
+    for place in range(0, len(whole), max(1, len(whole) // 60)):
+        damage(file, place, lambda byte, bit=1 << place % 8: byte ^ bit)
+        epoch, complaints = newest(tmp_path)
+        if epoch == 2:  # a space of the manifest's layout says nothing
+            assert json.loads(file.read_bytes()) == json.loads(whole)
+        else:
+            assert epoch == 1
+            assert str(file.parent) in complaints[0]
+        file.write_bytes(whole)
+    assert newest(tmp_path) == (2, [])
+
+
+@pytest.mark.parametrize("name", [MANIFEST, TENSORS])
+@pytest.mark.parametrize("length", [0, 1, 100, -2])
+def test_a_truncated_file_is_noticed_and_the_previous_checkpoint_taken(tmp_path, name, length):
+    save(tmp_path, 1)
+    save(tmp_path, 2)
+    file = tmp_path / "epoch_000002" / name
+    file.write_bytes(file.read_bytes()[:length])
+    epoch, complaints = newest(tmp_path)
+    assert epoch == 1
+    assert "damaged" in complaints[0]
+
+
+@pytest.mark.parametrize("name", [MANIFEST, TENSORS])
+def test_a_missing_file_is_noticed_and_the_previous_checkpoint_taken(tmp_path, name):
+    save(tmp_path, 1)
+    save(tmp_path, 2)
+    (tmp_path / "epoch_000002" / name).unlink()
+    assert newest(tmp_path)[0] == 1
+
+
+def test_where_all_are_damaged_the_error_names_them_and_what_to_do(tmp_path):
+    for epoch in (1, 2):
+        save(tmp_path, epoch)
+        damage(tmp_path / f"epoch_00000{epoch}" / TENSORS, 20)
+    with pytest.raises(
+        CheckpointError, match=r"epoch_000002 is damaged: .*epoch_000001 .*remove .*"
+    ) as error:
+        read_newest(tmp_path, SETTINGS)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["[]", "null", "3", '"text"', "{}", '{"checksum": 5}', "[" * 100_000, "\xff"]
+)
+def test_a_manifest_that_is_something_else_is_damage(tmp_path, text):
+    save(tmp_path, 1)
+    save(tmp_path, 2)
+    (tmp_path / "epoch_000002" / MANIFEST).write_text(text, encoding="latin-1")
+    assert newest(tmp_path)[0] == 1
+
+
+# --- checkpoints of something else --------------------------------------------------------------------------
+
+
+def test_one_of_other_settings_is_refused_and_the_keys_named(tmp_path):
+    save(tmp_path, 1)
+    with pytest.raises(CheckpointError, match=r"epoch_000001 must come from this run, .* experiment, seed$"):
+        read_newest(tmp_path, SETTINGS | {"seed": 1, "experiment": "radial"})
+    with pytest.raises(CheckpointError, match="differs from its settings in device"):
+        read_newest(tmp_path, SETTINGS | {"device": "cuda"})
+
+
+def test_one_of_a_newer_version_is_refused_not_called_damaged(tmp_path, monkeypatch):
+    monkeypatch.setattr(checkpoints, "FORMAT", checkpoints.FORMAT + 1)
+    save(tmp_path, 1)
+    monkeypatch.undo()
+    with pytest.raises(
+        CheckpointError, match=r"must have format 1, .* got 2: go on with the version that wrote it"
+    ):
+        read_newest(tmp_path, SETTINGS)
+
+
+# --- sizes --------------------------------------------------------------------------------------------------
+
+
+def test_files_larger_than_expected_are_not_read(tmp_path):
+    save(tmp_path, 1)
+    size = (tmp_path / "epoch_000001" / TENSORS).stat().st_size
+    read_newest(tmp_path, SETTINGS, at_most=size)
+    with pytest.raises(CheckpointError, match=f"must have at most {size - 1} bytes, got {size}"):
+        read_newest(tmp_path, SETTINGS, at_most=size - 1)
+
+
+def test_a_huge_sparse_file_costs_no_memory(tmp_path):
+    save(tmp_path, 1)
+    save(tmp_path, 2)
+    os.truncate(tmp_path / "epoch_000002" / TENSORS, 2**42)
+    os.truncate(tmp_path / "epoch_000001" / MANIFEST, 2**42)
+    with pytest.raises(CheckpointError, match="must have at most"):
+        read_newest(tmp_path, SETTINGS)
+
+
+def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(tmp_path):
+    save(tmp_path, 1)
+    (tmp_path / "epoch_000001" / TENSORS).unlink()
+    os.mkfifo(tmp_path / "epoch_000001" / TENSORS)
+    with pytest.raises(CheckpointError, match="must be an ordinary file"):
+        read_newest(tmp_path, SETTINGS)
+
+
+# --- crashes ------------------------------------------------------------------------------------------------
+
+
+OPERATIONS = [
+    (Path, "mkdir"),
+    (Path, "write_bytes"),
+    (Path, "write_text"),
+    (os, "fsync"),
+    (os, "replace"),
+    (shutil, "rmtree"),
+    (files, "_flush"),
+]
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+def test_a_crash_at_any_operation_leaves_a_valid_checkpoint(tmp_path, monkeypatch, after):
+    """Every call to the file system while a checkpoint is written is the last one once."""
+    crashes = 0
+    for number in range(100):
+        folder = tmp_path / f"{number}"
+        for epoch in (1, 2):
+            save(folder, epoch)
+        calls = iter(range(100))
+
+        def crashing(original, calls=calls, number=number):
+            def call(*arguments, **options):
+                due = next(calls) == number
+                if due and not after:
+                    raise Crash
+                result = original(*arguments, **options)
+                if due:
+                    raise Crash
+                return result
+
+            return call
+
+        with monkeypatch.context() as patch:
+            for owner, name in OPERATIONS:
+                patch.setattr(owner, name, crashing(getattr(owner, name)))
+            try:
+                save(folder, 3)
+            except Crash:
+                crashes += 1
+            else:
+                break
+        assert newest(folder)[0] in (2, 3)
+        assert newest(folder)[1] == []
+        tidy(folder)
+        save(folder, 3)
+        assert newest(folder) == (3, [])
+        assert {path.name for path in folder.iterdir()} == {"epoch_000002", "epoch_000003"}
+    assert crashes >= 10
+
+
+def test_a_half_written_file_of_a_crash_is_never_taken_for_a_checkpoint(tmp_path, monkeypatch):
+    save(tmp_path, 1)
+
+    def half(path, data):
+        with open(path, "wb") as file:
+            file.write(data[: len(data) // 2])
+        raise Crash
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", half)
+        patch.setattr(shutil, "rmtree", lambda *arguments, **options: None)  # no time to clean up
+        with pytest.raises(Crash):
+            save(tmp_path, 2)
+    assert len(list(tmp_path.iterdir())) == 2
+    assert newest(tmp_path) == (1, [])
+    tidy(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["epoch_000001"]

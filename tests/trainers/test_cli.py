@@ -1,0 +1,433 @@
+"""The command line: what each command says to bad input, and what it does with good."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from swarm import Network, load_policy, save_policy
+from swarm._support import files
+from swarm.population.results import load_population, world_of
+from tests.short_runs import short_settings, start, whole
+from trainers.cli import app
+from trainers.jobs import launch as launching
+from trainers.training import run_folder as runs
+
+COMMAND = [sys.executable, "-c", "from trainers.cli import main; main()"]
+SHORT = [
+    "learning.epochs=2",
+    "learning.n_swimmers=3",
+    "learning.batch_size=8",
+    "learning.buffer_size=100",
+    "world.life=4",
+    "validation.life=4",
+    "validation.cells=2",
+    "evaluation.life=4",
+    "evaluation.cells=3",
+    "tensorboard=false",
+]
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(os, "fsync", lambda descriptor: None)
+
+
+def run(*words):
+    """Exit code and output of a command; what is no message but an exception is raised."""
+    result = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+    return result.exit_code, result.stdout, result.stderr
+
+
+def refused(*words):
+    """What a command says that fails, in one line, having written nothing."""
+    before = sorted(Path().rglob("*"))
+    code, _, err = run(*words)
+    assert code not in (0, None), words
+    assert sorted(Path().rglob("*")) == before
+    lines = [line for line in err.splitlines() if line.startswith("swarm: ")]
+    assert len(lines) == 1, err
+    assert "Traceback" not in err
+    return lines[0]
+
+
+def usage(*words):
+    """What a command says whose arguments cannot be understood."""
+    code, _, err = run(*words)
+    assert code == 2
+    assert "Usage" in err
+    return " ".join(re.sub("[│╭╮╰╯─]", " ", err).split()).lower()
+
+
+def policy(path="policy.safetensors", **card):
+    """A small policy of random weights."""
+    generator = np.random.default_rng(0)
+    weights = [generator.standard_normal((4, 8)), generator.standard_normal((2, 4))]
+    save_policy(Network(weights, [np.zeros(4), np.zeros(2)], {"n_records": 4, "features": 2} | card), path)
+    return path
+
+
+# --- train --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["sed=1"], "settings have no key 'sed'; did you mean 'seed'?"),
+        (["+foo=1"], "a setting must be written key=value, got '+foo=1'"),
+        (["~seed"], "a setting must be written key=value, got '~seed'"),
+        (["--seed", "1"], "a setting must be written key=value, got '--seed'"),
+        (["experiment=linear_3"], "did you mean 'linear_n"),
+        (["learning.epochs=1.5"], "learning.epochs"),
+        (["device=cuda:77"], "device must be one that torch finds here"),
+        (["learning.buffer_size=10000000000000"], "GiB of memory"),
+        (["resume=nowhere"], "resume must name the folder of a run, with its settings.yaml, got nowhere"),
+        (["resume="], "resume must name the folder of a run"),
+        (["resume=a", "seed=1"], "nothing else may be given, got resume=a seed=1"),
+        (["resume=a", "resume=b"], "nothing else may be given"),
+        (["resume=a", "hydra.run.dir=b"], "nothing else may be given"),
+        (["-m", "seed=0,x"], "seed"),
+        (["-m", "sed=0,1"], "settings have no key 'sed'"),
+        (["-m", "seed=0,1", "learning.epochs=0"], "learning.epochs must be a whole number of at least 1"),
+        (["-m", "resume=a"], "resume"),
+        (["hydra.run.dir=/dev/null/run", *SHORT], "/dev/null"),
+    ],
+)
+def test_train_refuses_what_it_cannot_do(words, said):
+    assert said in refused("train", *words)
+
+
+def test_train_refuses_a_folder_that_is_not_empty():
+    Path("mine").mkdir()
+    Path("mine/notes.txt").write_text("mine")
+    assert "mine must be a new or an empty folder" in refused("train", "hydra.run.dir=mine", *SHORT)
+
+
+def test_train_refuses_to_resume_what_is_no_run():
+    Path("runs").mkdir()
+    for text in ("", "[]", "seed: [", "a: &b [*b]", "!!python/object/apply:os.getcwd []", "seed: -1", "\x00"):
+        Path("runs/settings.yaml").write_text(text)
+        assert refused("train", "resume=runs")
+
+
+def test_train_makes_a_folder_shows_its_settings_trains_and_tests():
+    code, out, _ = run("train", "seed=5", "evaluate=true", *SHORT)
+    assert code == 0
+    (folder,) = Path("runs").iterdir()
+    assert folder.name.startswith("linear_n4-swarm-seed5-")
+    shown = yaml.safe_load(out[: out.index("trained in")])
+    assert shown == yaml.safe_load((folder / "settings.yaml").read_text())
+    assert {"metrics.csv", "policy.safetensors", "training.png"} <= {path.name for path in folder.iterdir()}
+    assert load_policy(folder).card["seed"] == 5
+    summary = folder / "evaluation" / "summary.json"
+    first = json.loads(summary.read_text())
+    assert (first["cells"], first["life"]) == (3, 4.0)
+    summary.parent.rename("elsewhere")
+    code, out, _ = run("train", f"resume={folder}")
+    assert code == 0
+    assert "is finished after 2 epochs; nothing is left" in out
+    assert json.loads(summary.read_text()) == first
+
+
+def test_show_only_shows():
+    code, out, _ = run("train", "--show", "seed=5", *SHORT)
+    assert code == 0
+    assert yaml.safe_load(out)["seed"] == 5
+    assert list(Path().iterdir()) == []
+
+
+# --- evaluate -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["greeedy"], "did you mean 'greedy'?"),
+        (["nowhere/at/all"], "nowhere/at/all"),
+        (["zoo:nothing"], "nothing"),
+        (["greedy", "--experiment", "linear_n3"], "did you mean"),
+        (["greedy", "--experiment", ""], "experiment must be one of"),
+        (["greedy", "--cells", "0"], "cells must be a whole number of at least 1, got 0"),
+        (["greedy", "--cells", "-3"], "cells must be a whole number"),
+        (["greedy", "--life", "0"], "life must be a finite number above 0"),
+        (["greedy", "--life", "nan"], "life must be a finite number above 0, got nan"),
+        (["greedy", "--life", "1e300"], "life must be at most"),
+        (["greedy", "--seed", "-1"], "seed must not be negative, got -1"),
+        (["greedy", "--noise", "-1"], "concentration_noise must be a finite number of at least 0"),
+        (["greedy", "--noise", "nan"], "concentration_noise must be a finite number"),
+        (["greedy", "--noise", "0,much"], "--noise must be numbers, separated by commas, got '0,much'"),
+        (["greedy", "--noise", "0,0.1,"], "--noise must be numbers, separated by commas, got '0,0.1,'"),
+        (["greedy", "--noise", "0.1,0.1"], "levels of noise must be at least one, and rise"),
+        (["greedy", "--noise", "0", "--noise", "-1"], "concentration_noise must be a finite number"),
+        (["greedy", "--noise", "0", "--noise-kind", "curvatur"], "did you mean 'curvature'?"),
+        (
+            ["greedy", "--noise", "0,1", "--noise-kind", "heat"],
+            "kind must be one of concentration, curvature",
+        ),
+        (["greedy", "--noise-kind", "curvature"], "--noise-kind must come with --noise"),
+        (["greedy", "--noise", "0,0.1", "--out", "taken"], "taken must be a new or an empty folder"),
+        (
+            ["policy.safetensors", "--experiment", "linear_n8"],
+            "policy must fit what the world's cells observe",
+        ),
+        (["greedy", "--out", "taken"], "taken must be a new or an empty folder"),
+        (["greedy", "--out", "/dev/null/out", "--cells", "2", "--life", "2"], "/dev/null"),
+        (["pickle.safetensors"], "it looks like a pickle"),
+        (["empty"], "empty/policy.safetensors"),
+        (["/dev/zero"], "must be an ordinary file"),
+    ],
+)
+def test_evaluate_refuses_what_it_cannot_do(words, said):
+    policy()
+    Path("pickle.safetensors").write_bytes(pickle.dumps(print))
+    Path("empty").mkdir()
+    Path("taken").mkdir()
+    Path("taken/notes.txt").write_text("mine")
+    assert said in refused("evaluate", *words)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        [],
+        "text",
+        {"world": []},
+        {"world": {"n_records": -1}},
+        {"world": {"_target_": "os.system"}},
+        {"world": {"life": "${oc.env:HOME}"}},
+        {"world": {"start_box": [[1e9, 1e9], [0, 0]]}},
+        {"evaluation": {"cells": 0}},
+        {"evaluation": {"life": 1e300}},
+        {"evaluation": {"field": "../../etc/passwd"}},
+    ],
+)
+def test_evaluate_refuses_a_card_that_describes_no_world(settings):
+    policy(settings=settings)
+    if settings in ([], "text"):
+        assert run("evaluate", "policy.safetensors", "--life", "2", "--cells", "2")[0] == 0
+    else:
+        refused("evaluate", "policy.safetensors", "--life", "2")
+
+
+@pytest.mark.parametrize("name", ["optimal", "policy.safetensors"])
+def test_evaluate_prints_a_table_and_fills_a_folder(name):
+    policy(experiment="linear_n4")
+    code, out, _ = run("evaluate", name, "--cells", "4", "--life", "4", "--seed", "2", "--out", "found")
+    assert code == 0
+    assert "gain" in out
+    summary = json.loads(Path("found/summary.json").read_text())
+    assert (summary["cells"], summary["life"], summary["seed"]) == (4, 4.0, 2)
+    assert {"population.nc", "summary.json", "gains.png", "centerlines.png"} <= {
+        path.name for path in Path("found").iterdir()
+    }
+
+
+def test_evaluate_draws_gain_against_noise():
+    policy(experiment="linear_n4")
+    short = ["--cells", "2", "--life", "4"]
+    words = ["evaluate", "policy.safetensors", *short, "--noise-kind", "curvature"]
+    code, out, _ = run(*words, "--noise", "0.5,0", "--noise", "1", "--out", "found")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()[1:7]] == ["0", "0", "0.5", "0.5", "1", "1"]
+    assert {path.name for path in Path("found").iterdir()} == {"noise.nc", "noise.csv", "noise.png"}
+
+
+def test_evaluate_keeps_the_noise_that_a_policy_was_trained_with():
+    world = {"concentration_noise": 0.25}
+    policy(settings={"world": world})
+    for words, expected in (([], 0.25), (["--noise", "0"], 0.0), (["--noise", "0.5"], 0.5)):
+        out = f"found{expected}"
+        run("evaluate", "policy.safetensors", "--cells", "2", "--life", "2", "--out", out, *words)
+        assert world_of(load_population(f"{out}/population.nc")).concentration_noise == expected
+
+
+# --- compare, watch, reproduce ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nowhere"], "compare must name folders of runs, got nowhere"),
+        (["unfinished"], "unfinished must be finished; to go on with it: swarm train resume=unfinished"),
+        (["finished", "--cells", "0"], "cells must be a whole number"),
+        (["finished", "--seed", "-1"], "seed must not be negative"),
+        (["finished", "--out", "finished"], "finished must be a new or an empty folder"),
+    ],
+)
+def test_compare_refuses_what_it_cannot_do(words, said):
+    settings = short_settings(learning={"epochs": 1})
+    start("unfinished", settings)
+    whole("finished", settings).mark_finished()
+    assert said in refused("compare", *words)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["greeedy", "--out", "a.gif"], "did you mean 'greedy'?"),
+        (["greedy", "--out", "a.xyz"], "a.xyz"),
+        (["greedy", "--out", "nowhere/a.gif"], "nowhere"),
+        (["greedy", "--out", "loop/a.gif"], "the folder of loop/a.gif must be there"),
+        (["greedy", "--out", f"{'x' * 300}/a.gif"], "File name too long: xxx"),
+        (["greedy", "--cells", "0", "--out", "a.gif"], "must be a whole number of at least 1, got 0"),
+        (["greedy", "--life", "nan", "--out", "a.gif"], "life must be a finite number above 0"),
+        (["greedy", "--experiment", "nothing", "--out", "a.gif"], "experiment must be one of"),
+        (["greedy", "--seed", "-1", "--out", "a.gif"], "seed must not be negative"),
+        (["greedy", "--out", "a.xyz"], "out must end in .gif, .mp4, .html, got a.xyz"),
+        (["greedy", "--size", "2000", "--out", "a.gif"], "size must be at most 720 pixels"),
+        (["greedy", "--size", "300", "--out", "a.html"], "size must come with a film"),
+        (["greedy", "--size", "300"], "size must come with a film"),
+        (["nowhere.nc", "--out", "a.html"], "nowhere.nc holds no results of a population test: it is not"),
+        (
+            ["text.nc", "--out", "a.html"],
+            "text.nc holds no results of a population test: it must be a NetCDF",
+        ),
+        (["text.nc"], "out must end in .html, got None"),
+        (["text.nc", "--out", "a.gif"], "out must end in .html, got a.gif"),
+        (["text.nc", "--out", "text.nc"], "out must end in .html"),
+        (["text.nc", "--life", "3", "--out", "a.html"], "--life must be left out, text.nc holds lives"),
+        (["text.nc", "--cells", "0", "--out", "a.html"], "cells must be a whole number of at least 1"),
+    ],
+)
+def test_watch_refuses_what_it_cannot_do(words, said):
+    Path("text.nc").write_text("no numbers")
+    Path("loop").symlink_to("loop")
+    assert said in refused("watch", *words)
+
+
+def test_watch_makes_a_page_of_a_stored_population():
+    run("evaluate", "random", "--cells", "3", "--life", "4", "--out", "found")
+    code, out, _ = run("watch", "found/population.nc", "--out", "page.html")
+    assert code == 0
+    assert "written to page.html" in out
+    text = Path("page.html").read_text(encoding="utf-8")
+    assert all(f'"name": "{name}"' in text for name in ("random", "greedy", "swinging"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--out", "file"], "file"),
+        (["--out", "new", "--seeds", "0"], "--seeds must be a whole number of at least 1, got 0"),
+        (["--out", "new", "--jobs", "0"], "--jobs must be a whole number of at least 1, got 0"),
+    ],
+)
+def test_reproduce_refuses_what_it_cannot_do(words, said):
+    Path("file").write_text("mine")
+    assert said in refused("reproduce", *words)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["evaluate"], "missing argument 'policy'"),
+        (["evaluate", "greedy", "--cells", "many"], "invalid value for '--cells'"),
+        (["evaluate", "greedy", "--sells", "4"], "no such option: --sells"),
+        (["evaluate", "greedy", "extra"], "unexpected extra argument"),
+        (["compare"], "missing argument 'run run ...'"),
+        (["watch"], "missing argument 'policy'"),
+        (["reproduce"], "missing option '--out'"),
+        (["check", "--fast"], "no such option"),
+        (["trian"], "no such command 'trian'"),
+    ],
+)
+def test_arguments_that_cannot_be_understood_are_named(words, said):
+    assert said in usage(*words)
+
+
+# --- processes ----------------------------------------------------------------------------------------------
+
+
+def process(*words):
+    """A command in a process of its own."""
+    root = Path(launching.__file__).parents[2]
+    environment = os.environ | {"PYTHONPATH": str(root), "OMP_NUM_THREADS": "1"}
+    return subprocess.run([*COMMAND, *words], capture_output=True, text=True, env=environment)
+
+
+def test_bad_input_ends_a_process_with_one_line_and_an_exit_code():
+    done = process("train", "learning.epochs=0")
+    assert done.returncode == 2
+    assert done.stderr == "swarm: learning.epochs must be a whole number of at least 1, got 0\n"
+    assert done.stdout == ""
+
+
+def test_a_folder_that_is_gone_is_said():
+    gone = Path("gone")
+    gone.mkdir()
+    script = f"import os; os.chdir({str(gone)!r}); os.rmdir(os.getcwd()); {COMMAND[-1]}"
+    root = Path(launching.__file__).parents[2]
+    done = subprocess.run(
+        [sys.executable, "-c", script, "train", "--show"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(root)},
+    )
+    assert done.returncode == 2
+    assert done.stderr == "swarm: the current folder must be there, but was removed: change to another\n"
+
+
+def test_help_answers_at_once():
+    fastest = min(timed_help() for _ in range(3))
+    assert fastest < 0.5 * max(1, slowdown())
+
+
+def timed_help():
+    began = time.perf_counter()
+    done = process("--help")
+    assert done.returncode == 0
+    assert "evaluate" in done.stdout
+    return time.perf_counter() - began
+
+
+def slowdown():
+    """How much longer than on a quiet machine Python takes to start."""
+    began = time.perf_counter()
+    subprocess.run([sys.executable, "-c", "import typer.main"], check=True)
+    return (time.perf_counter() - began) / 0.15
+
+
+@pytest.mark.slow
+def test_a_run_interrupted_by_ctrl_c_is_resumed_to_the_same_end(tmp_path):
+    words = [*SHORT, "learning.epochs=40", "checkpoint_every=1000"]
+    root = Path(launching.__file__).parents[2]
+    environment = os.environ | {"PYTHONPATH": str(root), "OMP_NUM_THREADS": "1"}
+    command = [*COMMAND, "train", "hydra.run.dir=run", *words]
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, env=environment
+    ) as child:
+        until = time.monotonic() + 120
+        while not runs.RunFolder(Path("run")).rows(runs.METRICS) and time.monotonic() < until:
+            time.sleep(0.01)
+        child.send_signal(2)
+        _, err = child.communicate(timeout=60)
+    assert child.returncode != 0
+    said = err.decode().splitlines()[-1]
+    assert said.startswith("swarm: stopped after epoch ")
+    assert said.endswith("to go on: swarm train resume=run")
+    assert run("train", "resume=run")[0] == 0
+    assert run("train", "hydra.run.dir=whole", *words)[0] == 0
+    for name in (runs.POLICY, runs.METRICS):
+        assert (Path("run") / name).read_bytes() == (Path("whole") / name).read_bytes()
+
+
+def test_a_test_folder_appears_whole_or_not_at_all(monkeypatch):
+    def fail(path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files, "_flush", fail)
+    assert "No space left on device" in refused(
+        "evaluate", "greedy", "--cells", "2", "--life", "2", "--out", "found"
+    )

@@ -1,0 +1,55 @@
+"""Runs side by side: which are one group, and what it is called."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import yaml
+
+from swarm.policies.policy_file import PolicyError
+from trainers.jobs.comparison import Contender, compare, grouped
+from trainers.settings.composition import settings_from
+
+
+def contender(*words):
+    settings = settings_from(words)
+    return Contender(settings, settings.seed, np.zeros(3), np.zeros(3), None)
+
+
+def groups(*runs):
+    """Labels, and the seeds of each."""
+    found = grouped([contender(*words.split()) for words in runs])
+    return {group.label: [member.seed for member in group.members] for group in found}
+
+
+def test_a_run_that_claims_endless_seeds_ends_at_the_first_that_is_not_there(tmp_path):
+    text = yaml.safe_dump(dataclasses.asdict(settings_from(["n_seeds=1000000000000"])))
+    (tmp_path / "settings.yaml").write_text(text)
+    (tmp_path / "run.json").write_text('{"finished": true}')
+    (tmp_path / "policy.safetensors").touch()
+    with pytest.raises(PolicyError, match=r"seed_0/policy.safetensors must be a policy file"):
+        compare([tmp_path], cells=2)
+
+
+def test_runs_that_differ_in_the_seed_alone_are_one_group():
+    assert groups("seed=0", "seed=1") == {"linear_n4 swarm": [0, 1]}
+
+
+def test_the_names_of_experiment_and_recipe_stand_for_what_comes_with_them():
+    found = groups("experiment=linear_n2", "experiment=linear_n8", "experiment=linear_n8 recipe=paper")
+    assert list(found) == ["linear_n2 swarm", "linear_n8 swarm", "linear_n8 paper"]
+
+
+def test_whatever_else_differs_keeps_groups_apart():
+    found = groups(
+        "experiment=linear_n4 seed=0",
+        "experiment=linear_n4 seed=1 world.concentration_noise=0.1",
+        "experiment=linear_n8 seed=2",
+    )
+    assert found == {
+        "linear_n4 world.concentration_noise=0.0": [0],
+        "linear_n4 world.concentration_noise=0.1": [1],
+        "linear_n8 world.concentration_noise=0.0": [2],
+    }

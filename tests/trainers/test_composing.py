@@ -1,0 +1,208 @@
+"""Settings: composed from files and words, checked before anything runs, every key with what it cannot be."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trainers.settings import composition as composing
+from trainers.settings.composition import SettingsError, settings_from, settings_from_stored
+from trainers.settings.schema import Settings
+
+EXPERIMENTS = [
+    "linear_n2",
+    "linear_n4",
+    "linear_n8",
+    "varying_speed",
+    "radial",
+    "taylor_green_aware",
+    "taylor_green_blind",
+]
+DEFAULTS = dataclasses.asdict(Settings())
+KEYS = {}
+for _name, _value in DEFAULTS.items():
+    KEYS |= (
+        {f"{_name}.{key}": value for key, value in _value.items()}
+        if isinstance(_value, dict)
+        else {_name: _value}
+    )
+
+WRONG = {  # for a key of each type: of another type, of the wrong sign, size
+    bool: ["abc", 2, 0.5, None, [True], {}],
+    int: ["abc", 1.5, -1, None, [1], {"a": 1}, float("nan"), float("inf")],
+    float: ["abc", -1.0, None, [1.0], {}, float("nan"), float("inf"), -float("inf"), 1e300],
+    str: ["no such thing", "", 5, None, ["linear"], {}],
+    list: ["abc", 3, [], ["abc"], [-1, 2], [float("nan"), 1], None, {}, [[1], [2]]],
+}
+RIGHT = [  # what only looks wrong
+    ("learning.collect", 0),
+    ("learning.learning_rate", 1e300),
+    ("learning.learning_rate_decay", 1e300),
+    ("evaluation.field", None),
+    ("world.start_box", None),
+]
+FREE = ("experiment", "recipe")  # any printable text: the name of the run
+NOISE = ("world.concentration_noise", "world.curvature_noise", "world.rotational_diffusion")
+
+
+def nested(key, value):
+    for name in reversed(key.split(".")):
+        value = {name: value}
+    return value
+
+
+def wrong_values(key, default):
+    if key == "world.start_box":
+        return [*WRONG[list], [[0, 1]], [[1, 0], [0, 1]], [[0, 1e9], [0, 1]]]
+    if key == "evaluation.field":
+        return WRONG[str]
+    return WRONG[type(default)]
+
+
+@pytest.mark.parametrize("key", [key for key in KEYS if key not in FREE])
+def test_every_key_refuses_other_types_signs_and_sizes_by_name(key):
+    for value in wrong_values(key, KEYS[key]):
+        if (key, value) in RIGHT or (key in NOISE and value == 1e300):
+            continue
+        with pytest.raises(SettingsError) as error:
+            settings_from_stored(nested(key, value))
+        assert key.split(".")[-1] in str(error.value), value
+        assert key.split(".")[0] in str(error.value), value
+        assert "\n" not in str(error.value)
+
+
+json = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(key=st.sampled_from(sorted(KEYS)), value=json)
+@settings(max_examples=60)
+def test_whatever_a_key_is_set_to_there_are_settings_or_a_message(key, value):
+    try:
+        made = settings_from_stored(nested(key, value))
+    except SettingsError:
+        return
+    assert isinstance(made, Settings)
+
+
+@given(stored=st.dictionaries(st.sampled_from([*DEFAULTS, "other"]) | st.text(max_size=5), json, max_size=3))
+@settings(max_examples=40)
+def test_whatever_is_stored_there_are_settings_or_a_message(stored):
+    with contextlib.suppress(SettingsError):
+        settings_from_stored(stored)
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("+foo=1", "a setting must be written key=value, got '+foo=1'"),
+        ("++seed=1", "a setting must be written key=value"),
+        ("~seed", "a setting must be written key=value, got '~seed'"),
+        ("seed", "a setting must be written key=value, got 'seed'"),
+        ("=1", "a setting must be written key=value"),
+        ("--seed=1", "a setting must be written key=value"),
+        ("", "a setting must be written key=value, got ''"),
+        ("sed=1", "settings have no key 'sed'; did you mean 'seed'?"),
+        ("learning.epoch=1", "settings have no key 'learning.epoch'; did you mean 'learning.epochs'?"),
+        ("world._target_=os.system", "settings have no key 'world._target_'"),
+        ("_target_=os.system", "settings have no key '_target_'"),
+        ("experiment=linear_4", "got 'linear_4'; did you mean 'linear_n4'?"),
+        ("experiment=", "experiment must be one of linear_n2"),
+        ("experiment=3", "experiment must be one of"),
+        ("experiment=[linear_n2,linear_n4]", "experiment must be one of"),
+        ("experiment=../../secret", "experiment must be one of"),
+        ("recipe=papers", "recipe must be one of paper, swarm, got 'papers'; did you mean 'paper'?"),
+        ("tuning=nothing", "tuning must be one of"),
+        ("seed=-1", "seed must be a whole number of at least 0, got -1"),
+        ("seed=1.5", "seed: Value '1.5' of type 'float' could not be converted to Integer"),
+        ("seed=abc", "seed: Value 'abc' of type 'str' could not be converted to Integer"),
+        ("seed=0,1", "seed"),
+        ("seed=null", "seed"),
+        ("seed=???", "seed"),
+        ("seed=${seed}", "seed"),
+        ("seed=${nothing}", "seed"),
+        ("seed=99999999999999999999", "seed must be at most 9223372036854775807"),
+        ("evaluate=yes", "evaluate must be true or false, got 'yes'"),
+        ("world.sense_flow=1", "world.sense_flow must be true or false, got '1'"),
+        ("world.sense_flow=true", "world: sense_flow needs a flow"),
+        ("world.n_records=1", "world: n_records must be a whole number of at least 2, got 1"),
+        ("world.curvatures=[5.0,3.0]", "world: curvatures must rise and be positive, got (5.0, 3.0)"),
+        (
+            "world.curvatures=[3.0",
+            "the value cannot be read, other signs than letters need quotes, got 'world.curvatures=[3.0'",
+        ),
+        ("world.field=linaer", "world.field must be one of"),
+        ("world.flow=taylor-green", "did you mean 'taylor_green'?"),
+        ("world.start_box=[[0,1e9],[0,1]]", "world.start_box must lie within"),
+        ("learning.hidden=[]", "learning.hidden must be one or more layer sizes"),
+        ("learning.hidden=[5000]", "learning.hidden must be at most 15 layers of at most 4096 nodes"),
+        ("learning.hidden=[4096,4096]", "learning.hidden must make a policy of at most"),
+        ("learning.epsilon_start=0.01", "learning.epsilon_end must not be above learning.epsilon_start"),
+        ("learning.target_rate=0", "learning.target_rate must be a finite number above 0, got 0.0"),
+        ("learning.discount=1.5", "learning.discount must be between 0 and 1, got 1.5"),
+        ("validation.life=1e300", "validation: life must be at most"),
+        ("evaluation.life=1e300", "evaluation: life must be at most"),
+        ("evaluation.seed=-1", "evaluation.seed must be a whole number of at least 0"),
+        ("threads=100000", "threads must be at most 1024, got 100000"),
+        ("device=gpu", "device must be cpu, mps, cuda or cuda:N, got 'gpu'"),
+        ("compile=maybe", "compile must be one of always, auto, never, got 'maybe'"),
+        ("hydra.job.chdir=true", "of Hydra's own keys only hydra.run.dir=DIR may be given"),
+        ("hydra/launcher=joblib", "of Hydra's own keys only hydra.run.dir=DIR may be given"),
+        ("+hydra.verbose=true", "of Hydra's own keys"),
+    ],
+)
+def test_a_bad_word_says_what_is_wrong(word, said):
+    with pytest.raises(SettingsError) as error:
+        settings_from([word])
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+@pytest.mark.parametrize("recipe", ["swarm", "paper"])
+def test_every_experiment_goes_with_every_recipe(experiment, recipe):
+    made = settings_from([f"experiment={experiment}", f"recipe={recipe}"])
+    assert (made.experiment, made.recipe) == (experiment, recipe)
+    assert made.training_world().life == made.world.life
+    assert made.test_world().life == made.evaluation.life
+
+
+def test_the_experiments_and_recipes_are_those_promised():
+    assert composing.experiments() == sorted(EXPERIMENTS)
+    assert composing.recipes() == ["paper", "swarm"]
+
+
+def test_without_words_the_swarm_learns_linear_n4():
+    made = settings_from()
+    assert (made.experiment, made.recipe, made.seed) == ("linear_n4", "swarm", 0)
+
+
+def test_words_win_over_files_and_files_over_defaults():
+    made = settings_from(["experiment=linear_n8", "learning.batch_size=7"])
+    assert made.world.n_records == 8
+    assert made.learning.batch_size == 7
+    assert made.learning.loss == "huber"
+    assert made.learning.discount == 0.98
+
+
+@pytest.mark.parametrize("experiment", ["linear_n4", "radial"])
+def test_settings_come_back_from_what_a_run_stores(experiment):
+    made = settings_from(
+        [f"experiment={experiment}", "world.start_box=[[-1,1],[-2,3]]", "learning.hidden=[4]"]
+    )
+    assert settings_from_stored(dataclasses.asdict(made)) == made
+
+
+def test_an_interpolation_is_the_users_own_but_never_a_files():
+    assert settings_from(["evaluation.seed=${seed}", "seed=4"]).evaluation.seed == 4
+    with pytest.raises(SettingsError, match=r"stored settings: evaluation.seed must be a plain value"):
+        settings_from_stored({"evaluation": {"seed": "${seed}"}})
+    with pytest.raises(SettingsError, match=r"device must be a plain value"):
+        settings_from_stored({"device": "${oc.env:HOME}"})

@@ -1,0 +1,201 @@
+"""Run folders: whole or not there, never overwritten, readable as plain data."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import threading
+
+import pytest
+import yaml
+
+from swarm._support import files
+from tests.short_runs import short_settings, start
+from trainers.training import run_folder as runs
+from trainers.training.run_folder import (
+    METRIC_COLUMNS,
+    RunError,
+    RunFolder,
+    default_folder,
+    read_table,
+    safe_name,
+)
+
+SETTINGS = short_settings(experiment="linear_n2", seed=7)
+COLUMNS = ("epoch", "seed", "gain")
+
+
+def test_a_new_run_holds_its_settings_and_where_it_comes_from(tmp_path):
+    run = start(tmp_path / "run", SETTINGS)
+    assert yaml.safe_load((run.path / "settings.yaml").read_text()) == dataclasses.asdict(SETTINGS)
+    record = json.loads((run.path / "run.json").read_text())
+    assert record["seeds"] == [7]
+    assert {"python", "numpy", "torch", "torchrl"} <= record["versions"].keys()
+    assert "commit" in record
+    assert not run.finished
+
+
+def test_a_run_is_there_whole_or_not_at_all(tmp_path, monkeypatch):
+    def fail(path):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(files, "_flush", fail)
+    with pytest.raises(KeyboardInterrupt):
+        start(tmp_path / "run", SETTINGS)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_of_two_that_make_the_same_folder_at_once_one_fails(tmp_path):
+    made, failed = [], []
+    gate = threading.Barrier(2)
+
+    def make():
+        gate.wait()
+        try:
+            made.append(start(tmp_path / "run", SETTINGS))
+        except OSError:
+            failed.append(True)
+
+    threads = [threading.Thread(target=make) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(made) == len(failed) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_default_names_say_what_runs_and_are_never_taken(tmp_path):
+    first = default_folder(SETTINGS, tmp_path)
+    assert first.name.startswith("linear_n2-swarm-seed7-")
+    first.mkdir()
+    second = default_folder(SETTINGS, tmp_path)
+    assert not second.exists()
+    assert second != first
+
+
+def test_a_run_is_finished_when_it_says_so_and_has_a_policy(tmp_path):
+    run = start(tmp_path / "run", SETTINGS)
+    run.mark_finished()
+    assert not run.finished
+    run.policy.write_bytes(b"")
+    assert run.finished
+    assert run.record["seeds"] == [7]
+    run.policy.unlink()
+    assert not run.finished
+
+
+def test_an_existing_run_is_opened_with_its_settings(tmp_path):
+    start(tmp_path / "run", SETTINGS)
+    run, stored = RunFolder.open(tmp_path / "run")
+    assert stored == dataclasses.asdict(SETTINGS)
+    assert run.path == tmp_path / "run"
+    assert runs.is_run_folder(tmp_path / "run")
+    assert not runs.is_run_folder(tmp_path)
+
+
+# --- tables -------------------------------------------------------------------------------------------------
+
+
+def rows(*epochs):
+    return [{"epoch": epoch, "seed": 7, "gain": 0.1 * epoch} for epoch in epochs]
+
+
+def test_numbers_come_back_from_a_table_bit_for_bit(tmp_path):
+    run = start(tmp_path / "run", SETTINGS)
+    run.rewrite("table.csv", COLUMNS, rows(1))
+    run.append("table.csv", COLUMNS, rows(2, 3))
+    found = run.rows("table.csv")
+    assert [float(row["gain"]) for row in found] == [0.1, 0.2, 0.1 * 3]
+    assert [row["epoch"] for row in found] == ["1", "2", "3"]
+
+
+def test_what_is_not_known_is_left_empty(tmp_path):
+    run = start(tmp_path / "run", SETTINGS)
+    run.rewrite("table.csv", COLUMNS, [{"epoch": 1, "seed": 7, "gain": None}])
+    assert (run.path / "table.csv").read_text() == "epoch,seed,gain\n1,7,\n"
+
+
+def test_rows_are_added_to_tables_that_are_there_only(tmp_path):
+    run = start(tmp_path / "run", SETTINGS)
+    with pytest.raises(FileNotFoundError):
+        run.append("table.csv", COLUMNS, rows(1))
+    assert run.rows("table.csv") == []
+
+
+@pytest.mark.parametrize(
+    "end", ["3,7,0.", "3,7", "3", "3,7,0.1,5\n", "3,7\n", "x,7,0.1\n", "\n", "\x00\n", '3,"7,0.1\n']
+)
+def test_lines_that_are_not_whole_are_left_out(tmp_path, end):
+    table = tmp_path / "table.csv"
+    table.write_text("epoch,seed,gain\n1,7,0.1\n2,7,0.2\n" + end)
+    assert [row["epoch"] for row in read_table(table)] == ["1", "2"]
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\n", b"\xff\xfe\x00", b"\x89PNG\r\n", b"no,header\n1,2\n", b'"' * 9000]
+)
+def test_a_table_of_something_else_has_no_rows(tmp_path, content):
+    (tmp_path / "table.csv").write_bytes(content)
+    assert read_table(tmp_path / "table.csv") == []
+
+
+def test_the_columns_of_metrics_are_those_promised():
+    assert METRIC_COLUMNS[:2] == ("epoch", "seed")
+    assert {"gain", "fraction_of_limit", "loss", "epsilon", "q_mean"} <= set(METRIC_COLUMNS)
+
+
+# --- locks --------------------------------------------------------------------------------------------------
+
+
+def test_a_run_is_locked_while_it_is_worked_on_and_free_afterwards(tmp_path):
+    run = start(tmp_path / "run", SETTINGS)
+    with run.locked(), pytest.raises(RunError, match="being trained by another process"), run.locked():
+        pass
+    with run.locked():
+        pass
+
+
+def test_a_lock_ends_with_its_process_however_it_ends(tmp_path):
+    run = start(tmp_path / "run", SETTINGS)
+    code = (
+        "import fcntl, os, signal, sys\n"
+        f"file = open({str(run.path / runs.LOCK)!r}, 'a')\n"
+        "fcntl.flock(file, fcntl.LOCK_EX)\n"
+        "print('locked', flush=True)\n"
+        "signal.pause()\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as other:
+        assert other.stdout.readline() == b"locked\n"
+        with pytest.raises(RunError, match="another process"), run.locked():
+            pass
+        other.kill()
+    with run.locked():
+        pass
+
+
+def test_what_killed_writes_left_behind_is_removed_and_nothing_else(tmp_path):
+    run = start(tmp_path / "run", SETTINGS)
+    for name in (".metrics.csv.0123456789ab", ".policy.safetensors.abcdefabcdef"):
+        (run.path / name).write_text("half")
+    mine = [".lock", ".hidden", ".notes.txt", ".git.0123456789ag", "metrics.csv"]
+    for name in mine:
+        (run.path / name).write_text("mine")
+    of_seed, elsewhere = run.seed_folder(3), tmp_path / "elsewhere"
+    (run.path / "seed_4").symlink_to(elsewhere)
+    for folder in (of_seed, elsewhere):
+        folder.mkdir()
+        (folder / ".policy.safetensors.abcdefabcdef").write_text("half")
+    run.tidy()
+    left = {*mine, "run.json", "settings.yaml", "seed_3", "seed_4"}
+    assert {path.name for path in run.path.iterdir()} == left
+    assert not list(of_seed.iterdir())
+    assert len(list(elsewhere.iterdir())) == 1
+
+
+def test_safe_names_hold_no_paths():
+    assert safe_name("a/../b c=1,2") == "a_.._b_c_1_2"
+    assert os.sep not in safe_name("/etc/passwd")

@@ -1,0 +1,199 @@
+"""Sweeps: every combination is run once, whatever happens to the others."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import typer
+
+from trainers.jobs import sweep as sweeping
+from trainers.settings.composition import SettingsError
+from trainers.training import run as running
+from trainers.training import run_folder as runs
+from trainers.training.loop import TrainingError
+
+WORDS = [
+    "learning.epochs=2",
+    "learning.n_swimmers=2",
+    "learning.hidden=[4]",
+    "learning.batch_size=4",
+    "learning.buffer_size=50",
+    "world.life=2",
+    "validation.life=2",
+    "validation.cells=2",
+    "tensorboard=false",
+    "hydra.sweep.dir=sweep",
+]
+SERIAL = "hydra/launcher=basic"
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(os, "fsync", lambda descriptor: None)
+    monkeypatch.setattr(running, "draw", lambda made, run: None)
+
+
+def content():
+    """Policies of the sweep by folder."""
+    return {path.parent.name: path.read_bytes() for path in Path("sweep").glob("*/policy.safetensors")}
+
+
+def fails(capsys, words):
+    with pytest.raises(typer.Exit) as ended:
+        sweeping.sweep(words)
+    assert ended.value.exit_code != 0
+    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("swarm: ")]
+    return said[-1]
+
+
+def test_every_combination_becomes_a_run_named_by_what_is_swept(capsys):
+    sweeping.sweep(["seed=0,1", "learning.discount=0.9,0.98", SERIAL, *WORDS])
+    assert set(content()) == {
+        f"learning.discount={discount},seed={seed}" for seed in (0, 1) for discount in (0.9, 0.98)
+    }
+    for folder in Path("sweep").glob("learning*"):
+        assert runs.RunFolder(folder).finished
+        assert {path.name for path in folder.iterdir()} <= {
+            "run.json",
+            "settings.yaml",
+            "metrics.csv",
+            "timings.csv",
+            "checkpoints",
+            ".lock",
+            runs.POLICY,
+        }
+    assert "all 4 runs are in sweep" in capsys.readouterr().out
+
+
+def test_a_sweep_of_one_is_a_sweep(capsys):
+    sweeping.sweep(["seed=3", SERIAL, *WORDS])
+    assert len(content()) == 1
+    assert "all 1 runs are in sweep" in capsys.readouterr().out
+
+
+def test_what_is_finished_is_not_run_again_and_what_is_missing_is(monkeypatch):
+    sweeping.sweep(["seed=0,1", SERIAL, *WORDS])
+    before = content()
+    trained = []
+    original = running.train
+    monkeypatch.setattr(
+        running, "train", lambda made, run, report: trained.append(made.seeds) or original(made, run)
+    )
+    sweeping.sweep(["seed=0,1,2", SERIAL, *WORDS])
+    assert trained == [[2]]
+    assert before.items() <= content().items()
+
+
+def test_a_run_that_fails_does_not_stop_the_others(monkeypatch, capsys):
+    original = running.train
+
+    def train(made, run, report):
+        if made.seeds == [1]:
+            raise TrainingError("loss must be finite")
+        original(made, run)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(running, "train", train)
+        said = fails(capsys, ["seed=0,1,2", SERIAL, *WORDS])
+    assert "1 of 3 runs did not finish" in said
+    assert "the same command with hydra.sweep.dir=sweep goes on with them" in said
+    assert set(content()) == {"seed=0", "seed=2"}
+    sweeping.sweep(["seed=0,1,2", SERIAL, *WORDS])
+    assert set(content()) == {"seed=0", "seed=1", "seed=2"}
+
+
+def test_ctrl_c_stops_the_whole_sweep_which_goes_on_to_the_same_end(monkeypatch, capsys):
+    sweeping.sweep(["seed=0,1", SERIAL, *WORDS])
+    expected = content()
+    Path("sweep").rename("expected")
+    original = running._epoch
+
+    def epoch(made, run, log):
+        signal.raise_signal(signal.SIGINT)
+        return original(made, run, log)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(running, "_epoch", epoch)
+        assert "2 of 2 runs did not finish (KeyboardInterrupt)" in fails(capsys, ["seed=0,1", SERIAL, *WORDS])
+    assert [path.name for path in Path("sweep").glob("seed=*")] == ["seed=0"]
+    sweeping.sweep(["seed=0,1", SERIAL, *WORDS])
+    assert content() == expected
+
+
+def test_a_folder_with_runs_of_other_settings_is_refused(capsys):
+    sweeping.sweep(["seed=0,1", SERIAL, *WORDS])
+    before = content()
+    said = fails(capsys, ["seed=0,1", SERIAL, *WORDS, "checkpoint_every=7"])
+    assert "sweep/seed=0 holds a run with another checkpoint_every" in said
+    assert "choose another hydra.sweep.dir=DIR" in said
+    assert content() == before
+
+
+def test_all_combinations_are_checked_before_there_is_a_folder(capsys):
+    assert "learning.epochs must be" in fails(capsys, ["seed=0,1", "learning.epochs=3,0", SERIAL])
+    assert "device must be one that torch finds" in fails(capsys, ["seed=0,1", "device=cpu,cuda:55", SERIAL])
+    assert list(Path().iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_is_said_before_anything_runs(capsys):
+    Path("file").write_text("mine")
+    for folder, said in (("file", "File exists: file"), ("file/deep", "Not a directory: file/deep")):
+        words = [word.replace("hydra.sweep.dir=sweep", f"hydra.sweep.dir={folder}") for word in WORDS]
+        assert said in fails(capsys, ["seed=0,1", SERIAL, *words])
+    assert Path("file").read_text() == "mine"
+    more = ["checkpoint_every=1000", "validation.every=1000", "learning.epsilon_end=0.01"]
+    assert "named by what is swept in at most 240 bytes" in fails(capsys, ["seed=3", SERIAL, *WORDS, *more])
+    assert not Path("sweep").exists()
+
+
+def test_the_same_run_twice_is_said(capsys):
+    assert "combinations must differ, got the same one 2 times" in fails(capsys, ["seed=0,0", SERIAL, *WORDS])
+    assert list(Path().iterdir()) == []
+
+
+def test_a_sweep_goes_on_by_its_own_words(capsys):
+    assert "a sweep goes on with the same command" in fails(capsys, ["resume=sweep"])
+
+
+def test_what_cannot_be_expanded_is_said():
+    with pytest.raises(SettingsError, match=r"the value cannot be read.* got 'seed=\[1'"):
+        sweeping.expanded(["seed=[1"])
+    with pytest.raises(SettingsError, match="a setting must be written key=value, got '--show'"):
+        sweeping.expanded(["seed=1,2", "--show"])
+    assert sweeping.expanded(["seed=1,2", "world.life=3"]) == [
+        ["seed=1", "world.life=3"],
+        ["seed=2", "world.life=3"],
+    ]
+
+
+def workers(process):
+    """Processes that train, of a sweep's."""
+    children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    return [int(child) for child in children if "popen_loky" in Path(f"/proc/{child}/cmdline").read_text()]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="processes are found by /proc")
+def test_a_worker_that_is_killed_is_said_and_its_run_goes_on(capsys):
+    words = ["seed=0,1", *WORDS, "learning.epochs=3000", "compile=never"]
+    environment = os.environ | {"PYTHONPATH": str(Path(runs.__file__).parents[2]), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", "from trainers.cli import main; main()", "train", "-m", *words]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as sweep:
+        until = time.monotonic() + 300
+        while len(list(Path("sweep").glob("*/checkpoints"))) < 2 and time.monotonic() < until:
+            time.sleep(0.05)
+        os.kill(workers(sweep.pid)[0], signal.SIGKILL)
+        lines = sweep.communicate(timeout=300)[1].splitlines()
+    assert sweep.returncode != 0
+    (said,) = (line for line in lines if line.startswith("swarm: "))
+    assert "runs did not finish" in said
+    assert "the same command with hydra.sweep.dir=sweep goes on with them" in said
+    sweeping.sweep([*words, SERIAL])
+    assert set(content()) == {"seed=0", "seed=1"}

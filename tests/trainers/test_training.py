@@ -1,0 +1,263 @@
+"""Training: schedules, the paper's numbers, what is kept, stacks of seeds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from swarm import LinearField, RadialField, TaylorGreen, World, load_policy
+from tests.short_runs import go_on, kept, short_settings, start, whole
+from trainers.settings import composition as composing
+from trainers.settings.schema import EvaluationSettings, LearningSettings, Settings
+from trainers.training import run as running
+from trainers.training import run_folder as runs
+from trainers.training.loop import MEASURES, Training, epsilon_at, learning_rate_at
+
+# --- the paper's numbers ------------------------------------------------------------------------------------
+
+TABLE_1 = {
+    "swimming velocity v": (World, "speed", 1.0),
+    "path curvatures κ₁, κ₂": (World, "curvatures", (3.0, 5.0)),
+    "swimming velocities v₁, v₂": (World, "speeds", (1.1, 0.9)),
+    "integration time step Δt": (World, "time_step", 0.02),
+    "t_life in training": (World, "life", 80.0),
+    "t_life in tests": (EvaluationSettings, "life", 200.0),
+    "gradient c_k of the linear field": (LinearField, "gradient_scale", 1.0),
+    "constant c_0 of the linear field": (LinearField, "offset", 20.0),
+    "gradient c_k of the radial field": (RadialField, "gradient_scale", 1.0),
+    "constant c_0 of the radial field": (RadialField, "offset", 100.0),
+    "flow parameter u₀": (TaylorGreen, "speed_scale", 0.1),
+    "flow parameter k": (TaylorGreen, "wavenumber", math.pi / 10),
+}
+TABLE_2 = {
+    "learning rate α": (LearningSettings, "learning_rate", 0.01),
+    "learning rate decay": (LearningSettings, "learning_rate_decay", 0.1),
+    "discount-rate parameter γ": (LearningSettings, "discount", 0.98),
+    "ε of the ε-greedy policy": (LearningSettings, "epsilon_end", 0.1),
+    "hidden layers and their nodes": (LearningSettings, "hidden", [24, 24, 24]),
+    "epochs": (LearningSettings, "epochs", 1600),
+    "decaying rate of ε": (LearningSettings, "epsilon_decay", 0.998),
+}
+TABLE_2_WITH_FLOW = {"hidden": [36, 36, 36], "epochs": 6000, "epsilon_decay": 0.9996}
+
+
+@pytest.mark.parametrize("name", TABLE_1 | TABLE_2)
+def test_every_number_of_the_papers_tables_is_the_default_of_one_field(name):
+    owner, field, number = (TABLE_1 | TABLE_2)[name]
+    assert getattr(owner(), field) == number
+    places = [place[:2] for place in (TABLE_1 | TABLE_2).values()]
+    assert places.count((owner, field)) == 1
+
+
+@pytest.mark.parametrize("experiment", ["taylor_green_aware", "taylor_green_blind"])
+def test_the_paper_recipe_has_the_papers_numbers_with_flow(experiment):
+    settings = composing.settings_from(["recipe=paper", f"experiment={experiment}"])
+    defaults = LearningSettings()
+    for name in LearningSettings.__dataclass_fields__:
+        expected = TABLE_2_WITH_FLOW.get(name, getattr(defaults, name))
+        assert getattr(settings.learning, name) == expected, name
+    assert settings.evaluation.life == 400
+
+
+@pytest.mark.parametrize("experiment", ["linear_n2", "linear_n4", "linear_n8", "varying_speed", "radial"])
+def test_the_paper_recipe_is_the_defaults_without_flow(experiment):
+    assert (
+        composing.settings_from(["recipe=paper", f"experiment={experiment}"]).learning == LearningSettings()
+    )
+
+
+def test_recipes_state_only_what_differs_from_the_papers_numbers():
+    defaults = composing.OmegaConf.to_container(composing.OmegaConf.structured(Settings))
+    for file in (composing.config_folder() / "recipe").glob("*.yaml"):
+        stated = yaml.safe_load(file.read_text())
+        same = (
+            [name for name, value in stated["learning"].items() if value == defaults["learning"][name]]
+            if ("learning" in stated)
+            else []
+        )
+        assert not same, file.name
+
+
+# --- schedules ----------------------------------------------------------------------------------------------
+
+
+def test_epsilon_falls_exponentially_to_its_floor():
+    settings = LearningSettings()
+    assert [epsilon_at(settings, epoch, 0.5) for epoch in (0, 1, 2)] == pytest.approx([1, 0.998, 0.996004])
+    assert epsilon_at(settings, 500, 0.5) == pytest.approx(0.36751, abs=1e-5)
+    assert epsilon_at(settings, 1150, 0.5) == pytest.approx(0.10003, abs=1e-5)
+    assert epsilon_at(settings, 1151, 0.5) == 0.1
+
+
+def test_epsilon_falls_linearly_over_its_part_of_the_epochs():
+    settings = LearningSettings(epsilon_schedule="linear", epsilon_end=0.05, epsilon_fraction=0.6)
+    expected = {0.0: 1.0, 0.3: 0.525, 0.6: 0.05, 0.9: 0.05}
+    for progress, epsilon in expected.items():
+        assert epsilon_at(settings, 7, progress) == pytest.approx(epsilon)
+
+
+def test_the_learning_rate_falls_with_the_inverse_of_time():
+    settings = LearningSettings()
+    expected = {0: 0.01, 10: 0.005, 90: 0.001, 1599: 0.01 / 160.9}
+    for updates, rate in expected.items():
+        assert learning_rate_at(settings, updates, 0.7) == pytest.approx(rate)
+
+
+def test_the_learning_rate_falls_linearly_to_its_end():
+    settings = LearningSettings(learning_rate_schedule="linear", learning_rate=3e-3, learning_rate_end=0.01)
+    for progress, rate in {0.0: 3e-3, 0.5: 1.515e-3, 1.0: 3e-5}.items():
+        assert learning_rate_at(settings, 7, progress) == pytest.approx(rate)
+
+
+# --- an epoch -----------------------------------------------------------------------------------------------
+
+
+def metrics(made, name):
+    """(epochs, seeds) of a column."""
+    return made.measures[:, :, MEASURES.index(name)]
+
+
+def trained(epochs=4, **options):
+    made = Training(short_settings(**options))
+    with torch.inference_mode():
+        for _ in range(epochs):
+            made.run_epoch()
+    return made
+
+
+def test_the_paper_recipe_updates_once_per_life_and_the_swarm_recipe_every_few_decisions():
+    paper, swarm = trained(3, recipe="paper"), trained(3)
+    decisions = paper.env.world.max_decisions
+    assert metrics(paper, "updates")[:, 0].tolist() == [1, 2, 3]
+    assert metrics(paper, "decisions")[:, 0].tolist() == [decisions, 2 * decisions, 3 * decisions]
+    rounds = math.ceil(decisions / 4)
+    assert metrics(swarm, "updates")[:, 0].tolist() == [2 * rounds, 4 * rounds, 6 * rounds]
+
+
+def test_metrics_hold_the_schedules():
+    made = trained(3, recipe="paper")
+    assert metrics(made, "epsilon")[:, 0] == pytest.approx([1, 0.998, 0.998**2])
+    assert metrics(made, "learning_rate")[:, 0] == pytest.approx([0.01, 0.01 / 1.1, 0.01 / 1.2])
+
+
+def test_validation_comes_when_it_is_due_and_after_the_last_epoch():
+    made = trained(5, learning={"epochs": 5}, validation={"every": 2})
+    assert np.isnan(metrics(made, "gain")[:, 0]).tolist() == [True, False, True, False, False]
+
+
+def test_the_best_policy_by_validation_is_kept_or_the_last():
+    for keep in ("best", "last"):
+        made = trained(6, learning={"keep": keep}, validation={"every": 1})
+        gains = metrics(made, "gain")[:, 0]
+        epoch = int(np.argmax(gains)) if keep == "best" else 5
+        assert made.best_epoch[0] == epoch + 1
+        assert made.best_gain[0] == gains[epoch]
+        network = made.learner.played.copy()
+        network.flat.copy_(made.best)
+        assert made.validation.gains(network)[0] == gains[epoch]
+
+
+def test_validation_plays_the_policy_as_a_population_test_does():
+    made = trained(2, n_seeds=2)
+    policies = [made.learner.played.exported(place, made.policy_card(place)) for place in range(2)]
+    expected = [each.mean() for each in played(made, policies)]
+    assert made.validation.gains(made.learner.played) == pytest.approx(expected, abs=1e-3)
+
+
+def played(made, policies):
+    """Gains (cells,) of each seed's policy on the seed's validation starts, in NumPy."""
+    from swarm.physics.starts import draw_starts
+
+    world = made.validation.env.world
+    for seed, policy in zip(made.seeds, policies, strict=True):
+        state = world.start(*draw_starts(world, 3, seed, population="validation"))
+        while not state.finished.all():
+            state, outcome = world.step(state, policy.act(world, state))
+        yield outcome.gain
+
+
+# --- stacks of seeds ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"recipe": "paper"}, {"world": {"curvature_noise": 0.1, "concentration_noise": 0.05}}],
+    ids=["swarm", "paper", "noise"],
+)
+def test_a_seed_trains_the_same_alone_and_in_a_stack_of_three(options):
+    stack, alone = trained(3, n_seeds=3, seed=3, **options), trained(3, seed=4, **options)
+    np.testing.assert_allclose(
+        stack.learner.online.flat[1], alone.learner.online.flat[0], rtol=1e-3, atol=1e-4
+    )
+    np.testing.assert_allclose(stack.measures[:, 1], alone.measures[:, 0], rtol=1e-3, atol=1e-4)
+
+
+def test_a_run_of_several_seeds_keeps_a_policy_of_each_and_the_best_as_its_own(tmp_path):
+    settings = short_settings(n_seeds=3, learning={"epochs": 2})
+    run = whole(tmp_path / "run", settings)
+    policies = [load_policy(run.path / f"seed_{seed}") for seed in (3, 4, 5)]
+    gains = [policy.card["validation"]["gain"] for policy in policies]
+    assert load_policy(run.path).card["seed"] == 3 + int(np.argmax(gains))
+    assert [policy.card["seed"] for policy in policies] == [3, 4, 5]
+
+
+# --- what is left behind ------------------------------------------------------------------------------------
+
+
+def test_a_policy_file_says_what_it_was_made_for_and_holds_no_times_or_paths(tmp_path):
+    settings = short_settings(learning={"epochs": 2})
+    run = whole(tmp_path / "run", settings)
+    card = load_policy(run.path).card
+    assert card["experiment"] == "linear_n4"
+    assert card["n_records"] == 4
+    assert card["settings"]["learning"]["epochs"] == 2
+    assert str(tmp_path) not in str(card)
+    assert "time" not in card
+
+
+def test_the_same_settings_give_the_same_run_bit_for_bit(tmp_path):
+    settings = short_settings(world={"concentration_noise": 0.05})
+    first, second = whole(tmp_path / "a", settings), whole(tmp_path / "b", settings)
+    assert kept(first)["policy.safetensors"] == kept(second)["policy.safetensors"]
+    assert kept(first)["metrics.csv"] == kept(second)["metrics.csv"]
+
+
+def test_each_epoch_is_reported(tmp_path):
+    settings = short_settings(learning={"epochs": 3})
+    seen = []
+    go_on(start(tmp_path / "run", settings), settings, lambda made, seconds: seen.append(made.epoch))
+    assert seen == [1, 2, 3]
+
+
+def test_tensorboard_gets_every_metric_of_every_seed(tmp_path):
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    settings = short_settings(n_seeds=2, learning={"epochs": 2}, tensorboard=True)
+    run = whole(tmp_path / "run", settings)
+    events = EventAccumulator(str(run.path / "tensorboard"))
+    events.Reload()
+    tags = events.Tags()["scalars"]
+    assert {f"{name}/seed_{seed}" for name in ("loss", "epsilon", "gain") for seed in (3, 4)} <= set(tags)
+    assert [event.step for event in events.Scalars("loss/seed_3")] == [1, 2]
+    assert "time/seconds" in tags
+
+
+def test_tables_have_a_row_for_each_epoch_and_seed(tmp_path):
+    settings = short_settings(n_seeds=2, learning={"epochs": 3})
+    run = whole(tmp_path / "run", settings)
+    rows = run.rows(runs.METRICS)
+    assert [(row["epoch"], row["seed"]) for row in rows] == [
+        (str(epoch), str(seed)) for epoch in (1, 2, 3) for seed in (3, 4)
+    ]
+    assert [row["epoch"] for row in run.rows(runs.TIMINGS)] == ["1", "2", "3"]
+
+
+def test_the_training_figure_is_drawn(tmp_path):
+    settings = short_settings(learning={"epochs": 2})
+    run = start(tmp_path / "run", settings)
+    running.draw(go_on(run, settings), run)
+    assert (run.path / runs.FIGURE).read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,1 @@
+"""Learning algorithms: TorchRL's parts put together."""

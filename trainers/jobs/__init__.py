@@ -1,0 +1,1 @@
+"""Many trainings: sweeps, comparisons, and where they run."""

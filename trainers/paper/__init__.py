@@ -1,0 +1,1 @@
+"""What serves the one paper: its plan, measurements, claims, report and shipped policies."""

@@ -1,0 +1,1 @@
+"""A training: its loop, validation, checkpoints and folder."""

@@ -1,0 +1,124 @@
+"""Checkpoints: folders of a tensor file and a manifest, with one checksum, written whole or not at all.
+
+The last few are kept. TorchRL's Checkpoint is not used: it pickles, and replaces a checkpoint in place
+without waiting for the disk. Here nothing that is read can run, and a crash at any instant leaves the
+previous checkpoint valid.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError
+from safetensors.torch import load, save
+from torch import Tensor
+
+from swarm._support import files
+from trainers.training.run_folder import RunError
+
+FORMAT = 1  # raised whenever what is stored changes its meaning; how the checksum is made never changes
+KEPT = 2
+MANIFEST, TENSORS = "manifest.json", "state.safetensors"
+MAX_MANIFEST = 2**20  # [bytes]
+MAX_TENSORS = 2**36  # [bytes] where the caller knows no lower limit
+
+
+class CheckpointError(RunError):
+    """A checkpoint that cannot be used."""
+
+
+def write(
+    folder: Path, epoch: int, tensors: dict[str, Tensor], record: dict[str, Any], settings: dict[str, Any]
+) -> None:
+    """Write the checkpoint of an epoch, then remove all but the newest `KEPT`."""
+    data = save({name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()})
+    manifest = {"format": FORMAT, "epoch": epoch, "settings": settings, "record": record}
+    target = folder / f"epoch_{epoch:06d}"
+    if target.exists():  # damaged: a valid one would have been gone on from
+        shutil.rmtree(target)
+    with files.new_folder(target) as temporary:
+        (temporary / TENSORS).write_bytes(data)
+        whole = manifest | {"checksum": _checksum(manifest, data)}
+        (temporary / MANIFEST).write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    for old in _listed(folder)[:-KEPT]:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def read_newest(
+    folder: Path, settings: dict[str, Any], *, at_most: int = MAX_TENSORS
+) -> tuple[dict[str, Tensor], dict[str, Any], list[str]] | None:
+    """The newest valid checkpoint's tensors and record, and what was wrong with newer ones; None if there is
+    none.
+
+    Tensor files of more than `at_most` bytes are not read. Raises CheckpointError for one from a newer
+    version or from other settings, and where all there are are damaged.
+    """
+    complaints: list[str] = []
+    for path in reversed(_listed(folder)):
+        try:
+            tensors, record = _read(path, settings, at_most)
+        except _Damaged as error:
+            complaints.append(f"checkpoint {path} is damaged: {error}")
+            continue
+        return tensors, record, complaints
+    if complaints:
+        raise CheckpointError("; ".join(complaints) + f"; to start again from epoch 0, remove {folder}")
+    return None
+
+
+def tidy(folder: Path) -> None:
+    """Remove what killed writes left behind; only for the one process that owns the run."""
+    if folder.is_dir():
+        for path in folder.glob(".epoch_*"):
+            shutil.rmtree(path, ignore_errors=True)
+
+
+class _Damaged(Exception):
+    """Not what was written."""
+
+
+def _read(path: Path, settings: dict[str, Any], at_most: int) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    try:
+        manifest = json.loads(files.read_bytes(path / MANIFEST, at_most=MAX_MANIFEST))
+        data = files.read_bytes(path / TENSORS, at_most=at_most)
+        checksum = manifest.pop("checksum")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise _Damaged(f"{type(error).__name__}: {error}") from None
+    if _checksum(manifest, data) != checksum:
+        raise _Damaged(f"its {MANIFEST} and {TENSORS} do not match their checksum")
+    if manifest.get("format") != FORMAT:
+        raise CheckpointError(
+            f"checkpoint {path} must have format {FORMAT}, which this version of chemoswarm reads, got "
+            f"{manifest.get('format')}: go on with the version that wrote it (run.json names it)"
+        )
+    stored, record = manifest.get("settings"), manifest.get("record")
+    if not isinstance(stored, dict) or not isinstance(record, dict):
+        raise _Damaged(f"its {MANIFEST} must hold settings and a record")
+    other = sorted(key for key in settings.keys() | stored.keys() if stored.get(key) != settings.get(key))
+    if other:
+        raise CheckpointError(
+            f"checkpoint {path} must come from this run, but differs from its settings in {', '.join(other)}"
+        )
+    try:
+        return load(data), record
+    except (SafetensorError, ValueError) as error:
+        raise _Damaged(str(error)) from None
+
+
+def _checksum(manifest: dict[str, Any], data: bytes) -> str:
+    digest = hashlib.sha256(json.dumps(manifest, sort_keys=True).encode())
+    digest.update(data)
+    return digest.hexdigest()
+
+
+def _listed(folder: Path) -> list[Path]:
+    """Checkpoints by epoch; what a killed write left behind is not among them."""
+    if not folder.is_dir():
+        return []
+    found = [path for path in folder.iterdir() if re.fullmatch(r"epoch_\d+", path.name) and path.is_dir()]
+    return sorted(found, key=lambda path: int(path.name.removeprefix("epoch_")))

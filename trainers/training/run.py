@@ -1,0 +1,218 @@
+"""Runs: a training in its folder. A run that is stopped anywhere goes on as if it had never been."""
+
+from __future__ import annotations
+
+import dataclasses
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from swarm.policies.network import save_policy
+from trainers.settings.composition import settings_from_stored
+from trainers.settings.schema import Settings
+from trainers.training import checkpoint as checkpoints
+from trainers.training import run_folder as runs
+from trainers.training import snapshot as snapshots
+from trainers.training.checkpoint import CheckpointError
+from trainers.training.loop import MEASURES, Training
+from trainers.training.machine import prepare
+from trainers.training.run_folder import METRIC_COLUMNS, RunError, RunFolder
+
+Log = Callable[[list[dict[str, Any]], dict[str, Any]], None]
+Report = Callable[[Training, float], None]  # called after each epoch with the seconds it took
+
+
+class Interrupted(RunError):
+    """The user stopped the run; everything is saved."""
+
+
+def train_in(folder: Path, settings: Settings) -> None:
+    """One whole run in a folder. One that was begun there goes on, with its own settings, from its newest
+    checkpoint; one that is finished stays as it is.
+
+    Raises SettingsError, RunError or OSError as `prepare`, `RunFolder` and `train` do.
+    """
+    if runs.is_run_folder(folder):
+        run, stored = RunFolder.open(folder)
+        if run.finished:
+            return
+        training = prepare(settings_from_stored(stored))
+    else:
+        training = prepare(settings)
+        run = RunFolder.create(folder, settings)
+    complete(training, run)
+
+
+def complete(training: Training, run: RunFolder, *, report: Report | None = None) -> None:
+    """Train to the end, draw the training figure, and mark the run as finished; raises what `train` does."""
+    train(training, run, report=report)
+    draw(training, run)
+    run.mark_finished()
+
+
+def train(training: Training, run: RunFolder, *, report: Report | None = None) -> None:
+    """Train to the end in a run's folder, going on from its newest checkpoint.
+
+    `report` is called after each epoch. Raises Interrupted after Ctrl-C or SIGTERM, when the epoch is
+    finished and saved; TrainingError for numbers that are not finite; CheckpointError for checkpoints that
+    cannot be used; RunError where another process trains the run.
+    """
+    settings = training.settings
+    with run.locked(), torch.inference_mode():
+        _go_on(training, run)
+        with _logging(settings, run) as log, _interruptible() as asked_to_stop:
+            while training.epoch < settings.learning.epochs:
+                seconds = _epoch(training, run, log)
+                last = training.epoch == settings.learning.epochs
+                stopping = asked_to_stop() and not last
+                if last or stopping or training.epoch % settings.checkpoint_every == 0:
+                    _save(training, run)
+                if report is not None:
+                    report(training, seconds)
+                if stopping:
+                    raise Interrupted(
+                        f"stopped after epoch {training.epoch}; to go on: swarm train resume={run.path}"
+                    )
+        save_policies(training, run)
+
+
+def _go_on(training: Training, run: RunFolder) -> None:
+    """Put a fresh training, and the run's tables, where the newest valid checkpoint left them, if there is
+    one.
+    """
+    folder, settings = run.path / runs.CHECKPOINTS, training.settings
+    run.tidy()
+    checkpoints.tidy(folder)
+    at_most = snapshots.largest(training) if folder.is_dir() else 0
+    found = checkpoints.read_newest(folder, dataclasses.asdict(settings), at_most=at_most)
+    if found is not None:
+        tensors, record, complaints = found
+        try:
+            snapshots.restore(training, tensors, record)
+        except CheckpointError as error:
+            raise CheckpointError(f"{folder}: {error}") from None
+        for complaint in complaints:
+            print(f"{complaint}; going on from epoch {training.epoch}", file=sys.stderr)
+    run.rewrite(runs.METRICS, METRIC_COLUMNS, list(training.metric_rows()))
+    timings = [row for row in run.rows(runs.TIMINGS) if int(row["epoch"]) <= training.epoch]
+    run.rewrite(runs.TIMINGS, runs.TIMING_COLUMNS, timings)
+
+
+def _epoch(training: Training, run: RunFolder, log: Log) -> float:
+    """One epoch and its rows in the tables; returns the seconds it took."""
+    started, decisions, updates = time.perf_counter(), training.decisions, training.learner.updates
+    training.run_epoch()
+    seconds = time.perf_counter() - started
+    rows = list(training.metric_rows(training.epoch - 1))
+    run.append(runs.METRICS, METRIC_COLUMNS, rows)
+    timing = {
+        "epoch": training.epoch,
+        "seconds": seconds,
+        "decisions_per_second": (training.decisions - decisions) / seconds,
+        "updates_per_second": (training.learner.updates - updates) / seconds,
+    }
+    run.append(runs.TIMINGS, runs.TIMING_COLUMNS, [timing])
+    log(rows, timing)
+    return seconds
+
+
+def _save(training: Training, run: RunFolder) -> None:
+    checkpoints.write(
+        run.path / runs.CHECKPOINTS,
+        training.epoch,
+        snapshots.tensors_of(training),
+        snapshots.record_of(training),
+        dataclasses.asdict(training.settings),
+    )
+
+
+def save_policies(training: Training, run: RunFolder) -> None:
+    """The kept policy of every seed, and the best of them by validation as the run's own."""
+    network = training.learner.played.copy()
+    network.flat.copy_(training.best)
+    for place, seed in enumerate(training.seeds):
+        policy = network.exported(place, training.policy_card(place))
+        if len(training.seeds) > 1:
+            run.seed_folder(seed).mkdir(exist_ok=True)
+            save_policy(policy, run.seed_folder(seed) / runs.POLICY)
+        if place == int(np.argmax(training.best_gain)):
+            save_policy(policy, run.policy)
+
+
+def draw(training: Training, run: RunFolder) -> None:
+    """The training figure: validation gain against epoch, with the limit and greedy (paper: evolution of the
+    gain).
+    """
+    from swarm import figures
+
+    gain = training.measures[:, :, MEASURES.index("gain")]
+    validated = np.flatnonzero(~np.isnan(gain[:, 0]))
+    limits = training.validation.limits
+    curve = figures.Curve(
+        epoch=validated + 1,
+        gain=gain[validated].T,
+        greedy=float(training.validation.greedy.mean()),
+        limit=None if limits is None else float(limits.mean()),
+    )
+    figure = figures.training({training.settings.experiment: curve})
+    figures.save(figure, run.path / runs.FIGURE)
+
+
+@contextmanager
+def _interruptible() -> Iterator[Callable[[], bool]]:
+    """Within, the first Ctrl-C or SIGTERM only asks to stop after the epoch; the second one stops at once."""
+    asked: list[int] = []
+
+    def ask(number: int, frame: Any) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    previous = {}
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            previous[number] = signal.signal(number, ask)
+    except ValueError:  # not in the main thread, where signals do not come
+        pass
+    try:
+        yield lambda: bool(asked)
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _logging(settings: Settings, run: RunFolder) -> Iterator[Log]:
+    """Writes each epoch's rows to TensorBoard and Weights & Biases, where these are wanted."""
+    loggers: list[Any] = []
+    if settings.tensorboard:
+        from torchrl.record.loggers.tensorboard import TensorboardLogger
+
+        loggers.append(TensorboardLogger(exp_name="tensorboard", log_dir=str(run.path)))
+    if settings.wandb:
+        from torchrl.record.loggers.wandb import WandbLogger
+
+        loggers.append(WandbLogger(exp_name=run.path.name, log_dir=str(run.path)))
+
+    def log(rows: list[dict[str, Any]], timing: dict[str, Any]) -> None:
+        for logger in loggers:
+            for row in rows:
+                suffix = "" if len(rows) == 1 else f"/seed_{row['seed']}"
+                for name in MEASURES:
+                    if row[name] is not None:
+                        logger.log_scalar(name + suffix, float(row[name]), step=row["epoch"])
+            for name in runs.TIMING_COLUMNS[1:]:
+                logger.log_scalar(f"time/{name}", timing[name], step=timing["epoch"])
+
+    try:
+        yield log
+    finally:
+        if settings.tensorboard:
+            loggers[0].experiment.close()

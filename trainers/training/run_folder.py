@@ -1,0 +1,200 @@
+"""The folder of a run: settings, provenance, metrics, policies and the training figure."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import os
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from swarm._support import files, provenance
+from trainers.settings.schema import Settings
+
+SETTINGS, PROVENANCE, METRICS, TIMINGS = "settings.yaml", "run.json", "metrics.csv", "timings.csv"
+POLICY, FIGURE, CHECKPOINTS = "policy.safetensors", "training.png", "checkpoints"
+LOCK = ".lock"
+MAX_TEXT = 2**18  # [bytes] of settings and provenance
+
+# What the columns of metrics.csv mean is defined where they are computed: `training.Training._measure`.
+METRIC_COLUMNS = (
+    "epoch",
+    "seed",
+    "training_gain",
+    "loss",
+    "q_mean",
+    "epsilon",
+    "learning_rate",
+    "decisions",
+    "updates",
+    "gain",
+    "fraction_of_limit",
+)
+TIMING_COLUMNS = ("epoch", "seconds", "decisions_per_second", "updates_per_second")
+
+
+class RunError(RuntimeError):
+    """A run that cannot go on as asked; the message says why and what can be done."""
+
+
+def default_folder(settings: Settings, parent: Path = Path("runs")) -> Path:
+    """A name that is not taken: experiment, recipe, seed and the time."""
+    stem = f"{settings.experiment}-{settings.recipe}-seed{settings.seed}-{datetime.now():%Y%m%d-%H%M%S}"
+    folder, count = parent / stem, 1
+    while folder.exists():
+        count += 1
+        folder = parent / f"{stem}-{count}"
+    return folder
+
+
+class RunFolder:
+    """Writes what a run leaves behind; every file is whole or not there, but for the growing tables."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+
+    @classmethod
+    def create(cls, path: Path, settings: Settings) -> RunFolder:
+        """A new folder with settings and provenance, whole or not at all; refuses one that is there."""
+        record = {"versions": provenance.versions(), "commit": provenance.commit(), "seeds": settings.seeds}
+        with files.new_folder(path) as folder:
+            (folder / PROVENANCE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+            text = yaml.safe_dump(dataclasses.asdict(settings), sort_keys=False)
+            (folder / SETTINGS).write_text(text, encoding="utf-8")
+        return cls(path)
+
+    @classmethod
+    def open(cls, path: Path) -> tuple[RunFolder, dict[str, Any]]:
+        """An existing run and its stored settings, as plain data; nothing in the folder can run."""
+        file = Path(path) / SETTINGS
+        try:
+            stored = yaml.load(files.read_bytes(file, at_most=MAX_TEXT).decode(), _PlainLoader)
+        except (FileNotFoundError, NotADirectoryError):
+            raise RunError(f"resume must name the folder of a run, with its {SETTINGS}, got {path}") from None
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
+            reason = " ".join(str(error).split())
+            raise RunError(f"{file} must be a run's settings, but cannot be read: {reason}") from None
+        if not isinstance(stored, dict):
+            raise RunError(f"{file} must be a run's settings, but holds {type(stored).__name__}")
+        return cls(Path(path)), stored
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Within, no other process works on this run; raises RunError where one does.
+
+        The operating system lets go of the lock when the process ends, however it ends.
+        """
+        import fcntl
+
+        with (self.path / LOCK).open("a") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise RunError(
+                    f"{self.path} is being trained by another process: wait for it or stop it"
+                ) from None
+            except OSError:  # a file system without locks
+                pass
+            yield
+
+    @property
+    def policy(self) -> Path:
+        """The kept policy."""
+        return self.path / POLICY
+
+    @property
+    def finished(self) -> bool:
+        """Whether the run has come to its end."""
+        return self.policy.exists() and self.record.get("finished") is True
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What the run was made with: versions, commit, seeds."""
+        try:
+            record = json.loads(files.read_bytes(self.path / PROVENANCE, at_most=MAX_TEXT))
+        except (OSError, ValueError, RecursionError):
+            return {}
+        return record if isinstance(record, dict) else {}
+
+    def mark_finished(self) -> None:
+        """Say that the run has come to its end."""
+        record = self.record | {"finished": True}
+        files.write_text(self.path / PROVENANCE, json.dumps(record, indent=2) + "\n")
+
+    def tidy(self) -> None:
+        """Remove what killed writes left behind; only for the one process that owns the run."""
+        seeds = [folder for folder in self.path.glob("seed_*") if not folder.is_symlink()]
+        for path in (path for folder in (self.path, *seeds) for path in folder.glob(".*.*")):
+            if re.fullmatch(r"\..+\.[0-9a-f]{12}", path.name) and path.is_file():
+                path.unlink(missing_ok=True)
+
+    def seed_folder(self, seed: int) -> Path:
+        """Where a seed's policy lies in a run of several."""
+        return self.path / f"seed_{seed}"
+
+    def rewrite(self, name: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
+        """A table from its beginning: what a killed run wrote after its last checkpoint goes."""
+        files.write_text(self.path / name, _table(columns, rows, header=True))
+
+    def rows(self, name: str) -> list[dict[str, str]]:
+        """A table's rows, none where it is not there."""
+        return read_table(self.path / name) if (self.path / name).is_file() else []
+
+    def append(self, name: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
+        """Further rows of a table, which must be there."""
+        descriptor = os.open(self.path / name, os.O_WRONLY | os.O_APPEND)
+        with files.naming(self.path / name), open(descriptor, "a", encoding="utf-8", newline="") as file:
+            file.write(_table(columns, rows, header=False))
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Plain data only; aliases, with which a small file can stand for an endless one, are refused."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("it must not hold aliases")
+        return super().compose_node(parent, index)
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """Rows of a table; lines that are not whole, as the last one of a killed run may be, are left out."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    rows = csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1]))
+    return [
+        row
+        for row in rows
+        if None not in row.values() and None not in row and row.get("epoch", "").isdecimal()
+    ]
+
+
+def is_run_folder(path: Path) -> bool:
+    """Whether `path` is the folder of a run."""
+    return (Path(path) / SETTINGS).is_file()
+
+
+def safe_name(text: str) -> str:
+    """`text` as the name of a file."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", text)
+
+
+def _table(columns: Sequence[str], rows: Sequence[dict[str, Any]], *, header: bool) -> str:
+    buffer = io.StringIO()
+    writer = csv.DictWriter(buffer, columns, lineterminator="\n")
+    if header:
+        writer.writeheader()
+    writer.writerows({key: _written(value) for key, value in row.items()} for row in rows)
+    return buffer.getvalue()
+
+
+def _written(value: Any) -> Any:
+    if value is None:
+        return ""
+    return repr(value) if isinstance(value, float) else value
