@@ -17,6 +17,12 @@ import numpy as np
 LEVEL = 0.95  # of every interval
 
 
+def mean_interval(sample: np.ndarray) -> list[float] | None:
+    """95% interval [low, high] of the mean of (seeds, cells) or of one policy's (cells,); see `margin`."""
+    half = margin(sample)
+    return None if half is None else [float(np.mean(sample) - half), float(np.mean(sample) + half)]
+
+
 def margin(*samples: np.ndarray, weights: Sequence[float] = (1.0,), shared_cells: bool = True) -> Any:
     """Half the width (...) of the 95% interval of the weighted sum of the samples' means.
 

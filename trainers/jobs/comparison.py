@@ -14,7 +14,8 @@ import numpy as np
 from swarm._support import files, provenance
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
-from swarm.population.statistics import mean_intervals
+from swarm.population.intervals import mean_interval
+from swarm.population.statistics import fraction_of_limit
 from trainers.settings.composition import settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import run_folder as runs
@@ -45,8 +46,8 @@ class Group(NamedTuple):
         return np.array([member.gains.mean() for member in self.members])
 
     def row(self) -> dict[str, Any]:
-        """What the table says of the group; low and high: 95% bootstrap interval of the mean over seeds."""
-        interval = mean_intervals(self.means[None])[0]
+        """What the table says of the group; low and high: 95% interval of the mean, over seeds and cells."""
+        interval = mean_interval(np.stack([member.gains for member in self.members]))
         low, high = (None, None) if interval is None else interval
         limits = [member.limit for member in self.members]
         limit = None if None in limits else float(np.mean(limits))  # type: ignore[arg-type]
@@ -60,7 +61,7 @@ class Group(NamedTuple):
             "best": float(self.means.max()),
             "greedy": float(np.mean([member.greedy.mean() for member in self.members])),
             "limit": limit,
-            "fraction_of_limit": None if limit is None else float(self.means.mean() / limit),
+            "fraction_of_limit": fraction_of_limit(float(self.means.mean()), limit),
         }
 
 
@@ -129,7 +130,7 @@ def _told_by_names(key: str, described: Sequence[dict[str, Any]]) -> bool:
 
 def table(groups: Sequence[Group]) -> list[list[str]]:
     """A row per group after the row of headings, best first."""
-    rows = [["runs", "seeds", "gain", "95% interval over seeds", "worst", "best", "greedy", "of the limit"]]
+    rows = [["runs", "seeds", "gain", "95% interval", "worst", "best", "greedy", "of the limit"]]
     for row in sorted((group.row() for group in groups), key=lambda each: -each["mean"]):
         interval = "–" if row["low"] is None else f"{row['low']:.2f} … {row['high']:.2f}"
         fraction = "–" if row["fraction_of_limit"] is None else f"{100 * row['fraction_of_limit']:.1f}%"
