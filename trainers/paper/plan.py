@@ -42,10 +42,9 @@ class Plan:
     experiments: tuple[str, ...] = EXPERIMENTS
     workers: int = dataclasses.field(default_factory=lambda: min(2, os.cpu_count() or 1))  # processes at once
 
-    def settings(self, recipe: str, experiment: str, seed: int = 0, n_seeds: int = 1) -> Settings:
-        """Settings of a training."""
-        words = (f"recipe={recipe}", f"experiment={experiment}", f"seed={seed}", f"n_seeds={n_seeds}")
-        return _composed(*words, "tensorboard=false", *self.words)
+    def settings(self, recipe: str, experiment: str) -> Settings:
+        """Settings of an experiment's trainings, of its first seed."""
+        return _composed(f"recipe={recipe}", f"experiment={experiment}", "tensorboard=false", *self.words)
 
     def test_world(self, test: str) -> World:
         """The world of a test; it is the same under every recipe."""
@@ -92,7 +91,7 @@ def trainings(plan: Plan, out: Path) -> list[Training]:
                 count = plan.n_seeds - first
                 if 0 < (there := _seeds_of(folder)) < count:
                     count = there
-                settings = plan.settings(recipe, experiment, first, count)
+                settings = dataclasses.replace(whole, seed=first, n_seeds=count)
                 found.append(Training(recipe, experiment, settings, folder))
                 first += count
     return found
