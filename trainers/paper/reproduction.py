@@ -253,7 +253,8 @@ def as_dataset(case: Case, outcome: Measured) -> xr.Dataset:
     ]
 
     def column(name: str) -> np.ndarray:
-        return np.concatenate([getattr(each, name) for each in outcome.lives.values()])
+        values = np.concatenate([getattr(each, name) for each in outcome.lives.values()])
+        return values if values.dtype == bool else values.astype(np.float32)
 
     variables = {name: (("policy", "cell", *extra), column(name)) for name, extra in KEPT.items()}
     attributes = {"test": case.name, "seed": case.seed, "life": case.world.life}
