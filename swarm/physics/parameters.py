@@ -12,26 +12,12 @@ import numpy as np
 
 from swarm._support.checks import check_name, check_point
 from swarm.physics import parameter_checks
-from swarm.physics.fields import DiffusingSource, Field, GaussianPlume, LinearField, RadialField
-from swarm.physics.flows import Flow, PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, UniformFlow, Vortex
+from swarm.physics.fields import FIELDS, Field, LinearField
+from swarm.physics.flows import FLOWS, Flow, StillWater
 from swarm.physics.motion import swimmer
 
 Array = Any
 
-FIELDS: dict[str, type] = {
-    "linear": LinearField,
-    "radial": RadialField,
-    "gaussian_plume": GaussianPlume,
-    "diffusing_source": DiffusingSource,
-}
-FLOWS: dict[str, type] = {
-    "still": StillWater,
-    "taylor_green": TaylorGreen,
-    "uniform": UniformFlow,
-    "shear": ShearFlow,
-    "poiseuille": PoiseuilleFlow,
-    "vortex": Vortex,
-}
 DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
 
 
@@ -43,8 +29,8 @@ class Parameters:
     """
 
     n_records: int = 4  # N_T, records a cell keeps
-    field: Field = dataclasses.field(default_factory=LinearField)  # or a name of `FIELDS`
-    flow: Flow = dataclasses.field(default_factory=StillWater)  # or a name of `FLOWS`
+    field: Field = dataclasses.field(default_factory=LinearField)  # or its name, or {type: name, …}
+    flow: Flow = dataclasses.field(default_factory=StillWater)  # likewise
     sense_flow: bool = False  # records carry the flow's velocity and spin too
     varying_speed: bool = False  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
     life: float = 80.0  # t_life [time], paper table 1
@@ -59,10 +45,8 @@ class Parameters:
     rotational_diffusion: float = 0.0  # D of the heading: variance 2 D ΔT per interval [rad² / time]
 
     def __post_init__(self) -> None:
-        for name, known in (("field", FIELDS), ("flow", FLOWS)):
-            value = getattr(self, name)
-            if isinstance(value, str):
-                object.__setattr__(self, name, known[check_name(name, value, known)]())
+        object.__setattr__(self, "field", FIELDS.make(self.field))
+        object.__setattr__(self, "flow", FLOWS.make(self.flow))
         for name, value in parameter_checks.checked(self).items():
             object.__setattr__(self, name, value)
         parameter_checks.check_together(self)

@@ -20,9 +20,7 @@ from swarm.physics import perception
 from swarm.physics.motion import intervals, swimmer
 from swarm.physics.motion.intervals import Tables
 from swarm.physics.motion.swimmer import Motion, Pose
-from swarm.physics.parameters import FIELDS, FLOWS, Parameters
-
-__all__ = ["FIELDS", "FLOWS", "Outcome", "State", "World"]
+from swarm.physics.parameters import Parameters
 
 Array = Any
 
