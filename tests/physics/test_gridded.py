@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import pickle
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -511,34 +513,79 @@ def test_a_field_and_a_flow_in_different_units_of_length_are_an_error():
 # --- files that are broken or hostile ----------------------------------------------------------------------
 
 
-def announce(path, shape, *, dtype="f8", **options):
-    """A file whose header announces a variable c of a shape, with hardly a number stored."""
+def with_c(path, shape=(7, 7), dtype="f8", *, x=None, **options):
+    """A file of a variable c, of which no number need be stored."""
     with h5py.File(path, "w") as file:
-        for name, points in zip("xy", shape, strict=True):
-            if points < 1000:
-                file[name] = np.linspace(0.0, 1.0, points)
-            else:
-                file.create_dataset(name, (points,), "f8", chunks=(1000,))
-            file[name].make_scale(name)
-        file.create_dataset("c", shape, dtype, chunks=(min(shape[0], 100), min(shape[1], 100)), **options)
-        for axis, name in enumerate("xy"):
-            file["c"].dims[axis].attach_scale(file[name])
+        file.create_dataset("x", (shape[0] if x is None else x,), "f8", chunks=(2,))
+        file.create_dataset("y", (shape[1],), "f8", chunks=(2,))
+        file.create_dataset("c", shape, dtype, **options)
 
 
-def test_a_header_that_announces_more_than_the_limit_is_an_error_before_anything_is_loaded(tmp_path):
-    path = tmp_path / "huge.nc"
-    announce(path, (900, 10**9))
-    assert path.stat().st_size < 10**6
-    for variable in (None, "c"):
-        with pytest.raises(ValueError, match="c must have at most 67108864 values, got 900000000000"):
-            GriddedField(path, edges="clamped", variable=variable)
-    path = tmp_path / "long.nc"
-    announce(path, (2, 2))
-    with h5py.File(path, "a") as file:
-        del file["x"]
-        file.create_dataset("x", (10**12,), "f8", chunks=(1000,))
-    with pytest.raises(ValueError, match="x must have at most 16777216 values, got 1000000000000"):
-        GriddedField(path, edges="clamped", variable="c")
+def elsewhere(path):
+    (path.parent / "secret").write_bytes(bytes(800))
+    with_c(path, external=[(str(path.parent / "secret"), 0, 800)])
+
+
+def linked(path):
+    grid().to_netcdf(path.parent / "data.nc", engine="h5netcdf")
+    with h5py.File(path, "w") as file:
+        file["c"] = h5py.ExternalLink(str(path.parent / "data.nc"), "c")
+
+
+def virtual(path):
+    with_c(path.parent / "data.nc")
+    layout = h5py.VirtualLayout((7, 7), "f8")
+    layout[:] = h5py.VirtualSource(str(path.parent / "data.nc"), "c", (7, 7))
+    with h5py.File(path, "w") as file:
+        file.create_virtual_dataset("c", layout)
+
+
+def cut(path, length):
+    grid().to_netcdf(path, engine="h5netcdf")
+    path.write_bytes(path.read_bytes()[:length])
+
+
+def sparse(path):
+    with_c(path)
+    os.truncate(path, 2**42)
+
+
+HOSTILE = {
+    "numbers": (
+        lambda path: with_c(path, (900, 10**9), chunks=(9, 9)),
+        "c must have at most 67108864 values, got",
+    ),
+    "places": (lambda path: with_c(path, x=10**12), "x must have at most 16777216 values, got 1000000000000"),
+    "bytes": (sparse, "must have at most 8589934592 bytes, got 4398046511104"),
+    "external": (elsewhere, "c must be stored in the file itself, got a reference to another file"),
+    "virtual": (virtual, "c must be stored in the file itself, got a reference to another file"),
+    "linked": (linked, "variable must be one of"),
+    "text": (lambda path: with_c(path, dtype=h5py.string_dtype()), "c must hold real numbers, got object"),
+    **{
+        f"cut {length}": (partial(cut, length=length), r"my\.nc must be a")
+        for length in (0, 4, 8, 100, 500, 3000)
+    },
+    "nowhere": (lambda path: None, r"data must be a file that exists, got .*my\.nc"),
+    "folder": (Path.mkdir, "data must be an ordinary file"),
+    "pipe": (os.mkfifo, "data must be an ordinary file"),
+    "csv": (
+        lambda path: path.write_text("x,y,c"),
+        r"my\.nc must be a NetCDF-4 file; open others with xarray",
+    ),
+    "old": (
+        lambda path: grid().to_netcdf(path, engine="scipy"),
+        "must be a NetCDF-4 file; open others with xarray",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_broken_or_hostile_file_is_an_error_before_anything_is_loaded(tmp_path, name):
+    write, message = HOSTILE[name]
+    write(tmp_path / "my.nc")
+    for variable in (None, "c") if name == "numbers" else ("c",):
+        with pytest.raises((ValueError, FileNotFoundError), match=message):
+            GriddedField(tmp_path / "my.nc", edges="clamped", variable=variable)
 
 
 def test_a_dataset_that_is_too_large_is_an_error_before_it_is_loaded(monkeypatch):
@@ -554,44 +601,10 @@ def test_variables_that_are_not_asked_for_are_not_read(tmp_path):
     GriddedField(tmp_path / "data.nc", edges="clamped", variable="c")
 
 
-def test_a_file_that_refers_to_other_files_is_an_error(tmp_path):
-    (tmp_path / "secret").write_bytes(bytes(800))
-    path = tmp_path / "external.nc"
-    with h5py.File(path, "w") as file:
-        file["x"], file["y"] = np.arange(10.0), np.arange(10.0)
-        file.create_dataset("c", (10, 10), "f8", external=[(str(tmp_path / "secret"), 0, 800)])
-    with pytest.raises(ValueError, match="c must be stored in the file itself, got a reference to another"):
-        GriddedField(path, edges="clamped", variable="c")
-    grid().to_netcdf(tmp_path / "data.nc", engine="h5netcdf")
-    with h5py.File(tmp_path / "link.nc", "w") as file:
-        file["c"] = h5py.ExternalLink(str(tmp_path / "data.nc"), "c")
-    with pytest.raises(ValueError, match="variable must be one of"):
-        GriddedField(tmp_path / "link.nc", edges="clamped", variable="c")
-
-
-def test_variables_of_strings_and_objects_are_errors(tmp_path):
-    path = tmp_path / "text.nc"
-    with h5py.File(path, "w") as file:
-        file["x"], file["y"] = np.arange(4.0), np.arange(4.0)
-        file.create_dataset("c", (4, 4), h5py.string_dtype())
-    with pytest.raises(ValueError, match="c must hold real numbers, got object"):
-        GriddedField(path, edges="clamped")
-
-
-@pytest.mark.parametrize("cut", [0, 4, 8, 100, 500, 3000])
-def test_a_cut_off_file_is_an_error_that_names_it(tmp_path, cut):
-    grid().to_netcdf(tmp_path / "whole.nc", engine="h5netcdf")
-    path = tmp_path / "cut.nc"
-    path.write_bytes((tmp_path / "whole.nc").read_bytes()[:cut])
-    with pytest.raises(ValueError, match=r"cut\.nc must be a"):
-        GriddedField(path, edges="clamped")
-
-
 def test_bytes_flipped_in_a_file_never_raise_anything_but_clear_errors(tmp_path):
-    grid().to_netcdf(tmp_path / "whole.nc", engine="h5netcdf")
-    whole = (tmp_path / "whole.nc").read_bytes()
-    rng = np.random.default_rng(0)
     path = tmp_path / "flipped.nc"
+    grid().to_netcdf(path, engine="h5netcdf")
+    whole, rng = path.read_bytes(), np.random.default_rng(0)
     for _ in range(40):
         broken = bytearray(whole)
         for place in rng.integers(8, len(whole), 8):
@@ -599,16 +612,3 @@ def test_bytes_flipped_in_a_file_never_raise_anything_but_clear_errors(tmp_path)
         path.write_bytes(broken)
         with contextlib.suppress(TypeError, ValueError):
             GriddedField(path, edges="clamped")
-
-
-def test_other_files_are_errors(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"data must be a file that exists, got .*nowhere\.nc"):
-        GriddedField(tmp_path / "nowhere.nc", edges="clamped")
-    with pytest.raises(ValueError, match="data must be an ordinary file"):
-        GriddedField(tmp_path, edges="clamped")
-    (tmp_path / "text.nc").write_text("x,y,c")
-    with pytest.raises(ValueError, match=r"text\.nc must be a NetCDF-4 file; open others with"):
-        GriddedField(tmp_path / "text.nc", edges="clamped")
-    grid().to_netcdf(tmp_path / "old.nc", engine="scipy")
-    with pytest.raises(ValueError, match=r"must be a NetCDF-4 file; open others with xarray\.open_dataset"):
-        GriddedField(tmp_path / "old.nc", edges="clamped")
