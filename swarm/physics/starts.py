@@ -97,7 +97,7 @@ class Draws:
         *,
         population: streams.Population = "test",
         dtype: Any = np.float64,
-        place: Callable[[np.ndarray], Any] = lambda block: block,
+        place: Callable[[np.ndarray], Any] = np.asarray,
     ) -> None:
         self._draw, self._population, self._dtype, self._place = draw, population, dtype, place
         self._cells, self._seeds = cells, tuple(seeds)
