@@ -41,7 +41,8 @@ def run(elsewhere, code):
 
 
 def test_an_installed_wheel_finds_its_settings(elsewhere):
-    code = "from trainers.settings import composition as composing; print(composing.config_folder(), *composing.experiments())"
+    code = "from trainers.settings import composition"
+    code += "; print(composition.config_folder(), *composition.experiments())"
     folder, *experiments = run(elsewhere, code).split()
     assert Path(folder) == elsewhere / "trainers" / "configs"
     assert "linear_n4" in experiments
