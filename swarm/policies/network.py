@@ -6,36 +6,31 @@ against fixed limits before anything of its size is allocated, so anyone's file 
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Sequence
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from swarm._support import files
+from swarm._support import tensors
 from swarm._support.arrays import namespace
 from swarm._support.checks import check_name
 from swarm.physics import perception
+from swarm.physics.world import State, World
 from swarm.policies.policy_file import (
-    CARD,
+    MAX_FILE,
     MAX_LAYERS,
     MAX_SIZE,
-    MAX_WIDTH,
     POLICY_FILE,
     PolicyError,
     check_card,
-    check_header,
-    read_bytes,
-    read_tensors,
+    check_shape,
+    check_tensors,
 )
-
-if TYPE_CHECKING:
-    from swarm.physics.world import State, World
 
 Array = Any
 
@@ -52,8 +47,8 @@ class Network:
     """
 
     def __init__(self, weights: Sequence[Any], biases: Sequence[Any], card: dict[str, Any]) -> None:
-        self.weights = tuple(_layer(f"layers.{i}.weight", array, 2) for i, array in enumerate(weights))
-        self.biases = tuple(_layer(f"layers.{i}.bias", array, 1) for i, array in enumerate(biases))
+        self.weights = tuple(_layer(f"layers.{i}.weight", array) for i, array in enumerate(weights))
+        self.biases = tuple(_layer(f"layers.{i}.bias", array) for i, array in enumerate(biases))
         _check_chain(self.weights, self.biases)
         self.card = check_card({**card, "n_actions": card.get("n_actions", self.n_actions)})
         size = self.n_records * self.features
@@ -151,13 +146,10 @@ class Network:
 
 def save_policy(network: Network, path: str | os.PathLike) -> None:
     """Writes the network and its card as safetensors, whole or not at all; always in the same bytes."""
-    from safetensors.numpy import save
-
-    tensors = {}
+    layers = {}
     for i, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-        tensors[f"layers.{i}.weight"], tensors[f"layers.{i}.bias"] = weight, bias
-    card = json.dumps(network.card, sort_keys=True, allow_nan=False, ensure_ascii=False)
-    files.write_bytes(path, save(tensors, {CARD: card}))
+        layers[f"layers.{i}.weight"], layers[f"layers.{i}.bias"] = weight, bias
+    tensors.write(path, layers, network.card)
 
 
 def load_policy(name: str | os.PathLike) -> Network:
@@ -170,7 +162,7 @@ def load_policy(name: str | os.PathLike) -> Network:
     path = Path(name)
     if path.is_dir():
         path = path / POLICY_FILE
-    return parse_policy(read_bytes(path), str(path))
+    return _read(path, str(path))
 
 
 def zoo_names() -> list[str]:
@@ -185,13 +177,20 @@ def zoo_names() -> list[str]:
     )
 
 
-def parse_policy(data: bytes, source: str) -> Network:
-    """The network in the bytes of a policy file; `source` names it in errors (PolicyError)."""
+def _read(path: Path, source: str) -> Network:
+    """The network of a policy file; `source` names it in errors."""
     try:
-        shapes, card = check_header(data)
-        return Network(*read_tensors(data, shapes), card)
-    except PolicyError as error:
-        raise PolicyError(f"{source} is no policy that can be opened: {error}") from None
+        layers, card = tensors.read(path, lambda card, shapes: check_tensors(shapes), at_most=MAX_FILE)
+        sizes = range(len(layers) // 2)
+        weights, biases = ([layers[f"layers.{i}.{part}"] for i in sizes] for part in ("weight", "bias"))
+        return Network(weights, biases, card)
+    except FileNotFoundError:
+        reason = "it is not there"
+    except OSError as error:
+        reason = f"it cannot be read: {error.strerror}"
+    except ValueError as error:
+        reason = str(error)
+    raise PolicyError(f"{source} is no policy that can be opened: {reason}")
 
 
 def _load_from_zoo(name: str) -> Network:
@@ -203,13 +202,13 @@ def _load_from_zoo(name: str) -> Network:
     except ValueError as error:
         raise PolicyError(str(error)) from None
     file = resources.files("swarm") / "zoo" / f"{name}.safetensors"
-    return parse_policy(file.read_bytes(), ZOO + name)
+    with resources.as_file(file) as path:
+        return _read(path, ZOO + name)
 
 
-def _layer(name: str, array: Any, axes: int) -> np.ndarray:
+def _layer(name: str, array: Any) -> np.ndarray:
     result = np.array(array, dtype=np.float32, order="C")
-    if result.ndim != axes or not all(1 <= side <= MAX_WIDTH for side in result.shape):
-        raise PolicyError(f"{name} must have {axes} axes of 1 to {MAX_WIDTH}, got the shape {result.shape}")
+    check_shape(name, result.shape)
     beyond = ~(np.abs(result) <= MAX_SIZE)  # NaN too
     if np.any(beyond):
         raise PolicyError(

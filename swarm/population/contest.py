@@ -10,6 +10,7 @@ import numpy as np
 
 from swarm._support import provenance, streams
 from swarm._support.checks import check_count, check_flag
+from swarm.optimal import physical_limit
 from swarm.physics.motion.swimmer import centre_of_curvature
 from swarm.physics.starts import Starts, draw_starts
 from swarm.physics.world import World
@@ -54,7 +55,7 @@ def population_test(
         )
         for name, policy in policies.items()
     }
-    bound = _limit(world, starts) if limit else None
+    bound = physical_limit.limit(world, starts) if limit else None
     attributes = {
         "title": "Population test: the same starts for every policy",
         "seed": seed,
@@ -78,14 +79,6 @@ def _with_rival(policies: Mapping[str, AnyPolicy]) -> dict[str, AnyPolicy]:
     if not isinstance(policies.get(RIVAL, Greedy()), Greedy):
         raise ValueError(f"policy {RIVAL!r} must be the greedy strategy, got {policies[RIVAL]!r}")
     return dict(policies) if RIVAL in policies else {**policies, RIVAL: Greedy()}
-
-
-def _limit(world: World, starts: Starts) -> float | None:
-    try:
-        from swarm.optimal.physical_limit import limit
-    except ImportError:
-        return None
-    return limit(world, starts)
 
 
 def lives(
