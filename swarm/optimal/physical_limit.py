@@ -20,7 +20,8 @@ from swarm.optimal import still, store
 from swarm.optimal.problem import Problem, problem_of, why_no_limit
 from swarm.optimal.tables import GRIDS, POLICY_GRID, VortexLimit, VortexTables
 from swarm.physics.flows import TaylorGreen
-from swarm.physics.motion.swimmer import Pose, swim
+from swarm.physics.motion.arc import Pose
+from swarm.physics.motion.collocation import swim
 from swarm.physics.starts import Starts
 from swarm.physics.world import State, World
 
