@@ -26,6 +26,7 @@ from swarm.policies.policy_file import (
     MAX_LAYERS,
     MAX_SIZE,
     POLICY_FILE,
+    SENSORS,
     PolicyError,
     check_card,
     check_shape,
@@ -41,9 +42,9 @@ BLOCK = 64  # rows that are always computed together
 class Network:
     """Q-values of every action by a fully connected network: tanh between layers, linear output.
 
-    The card says what it was made for: `n_records` (N_T) and `features` (numbers per record: 2, or 5 with the
-    flow sensed) are needed, anything else that JSON can hold may follow. Raises PolicyError unless layers and
-    card agree.
+    The card says what it was made for: `n_records` (N_T), `features` (numbers per record) and `sensor`, the
+    name of what takes the records (default: memory for 2, memory_with_flow for 5 features); anything else
+    that JSON can hold may follow. Raises PolicyError unless layers and card agree.
     """
 
     def __init__(self, weights: Sequence[Any], biases: Sequence[Any], card: dict[str, Any]) -> None:
@@ -84,8 +85,13 @@ class Network:
 
     @property
     def features(self) -> int:
-        """Numbers per record: 2, or 5 with the flow sensed."""
+        """Numbers per record that it takes."""
         return self.card["features"]
+
+    @property
+    def sensor(self) -> str:
+        """Name of the sensor it was trained with."""
+        return self.card.get("sensor") or SENSORS[self.features]
 
     @cached_property
     def _transposed(self) -> tuple[np.ndarray, ...]:
@@ -118,7 +124,8 @@ class Network:
         return np.argmax(self.values(observation), axis=-1)
 
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
-        """Best actions (..., cells). A flow that the world senses and the network does not is left out.
+        """Best actions (..., cells). What the world senses besides the plain memory, and a network that was
+        trained without does not, is left out.
 
         Raises PolicyError where the network does not fit the world.
         """
@@ -129,19 +136,20 @@ class Network:
 
     def check_fits(self, world: World) -> None:
         """Raises PolicyError unless the network can steer cells of this world."""
-        if self.n_records == world.n_records and self.features <= world.features:
-            if self.n_actions == world.n_actions:
-                return
+        observed = (world.sensor.name, world.features), (SENSORS[2], 2)  # which every record begins with
+        if self.n_records != world.n_records or (self.sensor, self.features) not in observed:
+            hint = "; it senses the flow: sense_flow=True" if self.sensor == SENSORS[5] else ""
+            raise PolicyError(
+                f"policy must fit what the world's cells observe: the policy takes {self.n_inputs} numbers "
+                f"(n_records = {self.n_records}, {self.features} of {self.sensor} in each), the world gives "
+                f"{world.observation_size} (n_records = {world.n_records}, {world.features} of "
+                f"{world.sensor.name} in each){hint}"
+            )
+        if self.n_actions != world.n_actions:
             raise PolicyError(
                 f"policy must have one value for each action of the world: the policy has {self.n_actions}, "
                 f"the world {world.n_actions}"
             )
-        hint = "; it senses the flow: sense_flow=True" if self.features > world.features else ""
-        raise PolicyError(
-            f"policy must fit what the world's cells observe: the policy takes {self.n_inputs} numbers "
-            f"(n_records = {self.n_records}, {self.features} in each), the world gives "
-            f"{world.observation_size} (n_records = {world.n_records}, {world.features} in each){hint}"
-        )
 
 
 def save_policy(network: Network, path: str | os.PathLike) -> None:

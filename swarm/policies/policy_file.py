@@ -15,7 +15,7 @@ MAX_HEADER = 256 * 2**10  # [bytes] of the file that are no tensors
 MAX_LAYERS = 16
 MAX_WIDTH = 4096  # nodes of a layer
 MAX_SIZE = 1e6  # of a weight, so that nothing overflows
-FEATURES = (2, 5)  # numbers per record: without and with the flow
+SENSORS = {2: "memory", 5: "memory_with_flow"}  # by numbers per record, of cards that state no sensor
 MAX_DEPTH = 8  # of a card's nesting
 
 
@@ -56,8 +56,11 @@ def check_card(card: dict[str, Any]) -> dict[str, Any]:
             check_count(f"card's {name}", plain[name], at_least=2)
         except (TypeError, ValueError) as error:
             raise PolicyError(str(error)) from None
-    if plain["features"] not in FEATURES:
-        raise PolicyError(f"card's features must be one of {FEATURES}, got {plain['features']}")
+    sensor = plain.get("sensor", SENSORS.get(plain["features"]))
+    if not isinstance(sensor, str):
+        raise PolicyError(
+            f"card must state the sensor of {plain['features']} features by its name, got {sensor!r}"
+        )
     return plain
 
 

@@ -11,6 +11,7 @@ import pickle
 import struct
 import tracemalloc
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.numpy import save
 
+from swarm.physics.perception import Memory
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies import network as network_module
@@ -82,6 +84,34 @@ def test_a_blind_network_acts_the_same_whether_or_not_the_world_senses_the_flow(
     chosen = [policy.act(world, world.start(*start)) for world in (blind, aware)]
     assert (chosen[0] == chosen[1]).all()
     assert 0 < chosen[0].mean() < 1
+
+
+@dataclass(frozen=True)
+class Compass(Memory):
+    """Senses the heading."""
+
+    name = "compass"
+    names = (*Memory.names, "heading")
+
+    def record(self, world, time, situation):
+        return *super().record(world, time, situation), situation.heading[..., 1]
+
+    def bounds(self, world):
+        return *super().bounds(world), 1.0
+
+
+def test_a_network_fits_the_sensor_that_its_card_names():
+    world, card = World(sensor=Compass()), {"n_records": 4, "features": 3, "sensor": "compass"}
+    policy, blind = make(12, 6, 2, card=card), make()
+    state = world.start(*draw_starts(world, 50, 0))
+    assert (policy.act(world, state) == policy(world.observation(state))).all()
+    plain = World()
+    assert (blind.act(world, state) == blind.act(plain, plain.start(*draw_starts(plain, 50, 0)))).all()
+    assert (make().sensor, make(20, 2, card={**CARD, "features": 5}).sensor) == ("memory", "memory_with_flow")
+    with pytest.raises(PolicyError, match=r"12 numbers .*3 of compass in each.* world gives 8 .*2 of memory"):
+        policy.check_fits(plain)
+    with pytest.raises(PolicyError, match="must state the sensor of 3 features by its name, got None"):
+        make(12, 2, card={"n_records": 4, "features": 3})
 
 
 @pytest.mark.parametrize(
