@@ -10,7 +10,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from swarm._support import files
 from swarm._support.checks import check_count
+from swarm._support.tables import Table
 from swarm.physics.world import World
 from trainers.cli import fail, file_trouble
 from trainers.settings.composition import SettingsError, settings_from, settings_from_stored
@@ -52,12 +54,13 @@ def evaluate_from(
             "cells": test.cells if cells is None else cells,
             "life": test.life if life is None else life,
             "seed": seed,
-            "out": out,
         }
+        if out is not None:
+            files.check_new_folder(out)
         if len(levels) > 1:
-            show_table(swept(policy, settings, levels, kind, options))
+            swept(policy, settings, levels, kind, options, out)
         else:
-            evaluated(policy, settings, levels, kind, options)
+            evaluated(policy, settings, levels, kind, options, out)
     if out is not None:
         print(f"results and figures are in {out}")
 
@@ -74,7 +77,12 @@ def noise_levels(words: Sequence[str], kind: str | None) -> tuple[list[float], s
 
 
 def evaluated(
-    policy: str, settings: Settings, levels: Sequence[float], kind: str, options: dict[str, Any]
+    policy: str,
+    settings: Settings,
+    levels: Sequence[float],
+    kind: str,
+    options: dict[str, Any],
+    out: Path | None,
 ) -> None:
     """Test in one world, and print the table."""
     from swarm.population.evaluation import evaluate
@@ -84,6 +92,10 @@ def evaluated(
     if levels:
         (world,) = check_levels(levels, kind, world)
     done = evaluate(policy, world, experiment=settings.experiment, **options)
+    if out is not None:
+        from swarm.figures.evaluation import save_evaluation
+
+        save_evaluation(done, out)
     show_table(done.table)
     limit = done.summary["limit"]
     print(
@@ -94,9 +106,14 @@ def evaluated(
 
 
 def swept(
-    policy: str, settings: Settings, levels: Sequence[float], kind: str, options: dict[str, Any]
-) -> list[list[str]]:
-    """Test at every level of noise; the table of all."""
+    policy: str,
+    settings: Settings,
+    levels: Sequence[float],
+    kind: str,
+    options: dict[str, Any],
+    out: Path | None,
+) -> None:
+    """Test at every level of noise, and print the table of all."""
     from rich.progress import Progress
 
     from swarm.population.noise import sweep_noise
@@ -111,7 +128,11 @@ def swept(
             progress=lambda count: bar.update(task, completed=count),
             **options,
         )
-    return done.table
+    if out is not None:
+        from swarm.figures.evaluation import save_noise_sweep
+
+        save_noise_sweep(done, out)
+    show_table(done.table)
 
 
 def watch_from(
@@ -180,7 +201,8 @@ def compare_from(folders: Sequence[Path], cells: int, seed: int, out: Path | Non
 
     with told(runs.RunError):
         groups = comparing.compare(folders, cells=cells, seed=seed, out=out)
-    show_table(comparing.table(groups))
+    headings, *rows = comparing.table(groups)
+    show_table(Table(headings, rows))
     if out is not None:
         print(f"table and figure are in {out}")
 
@@ -212,12 +234,11 @@ def check_from() -> None:
     from swarm.envs.conformance import run_checks
 
     checks = run_checks()
-    rows = [["check", "result", "detail"]]
-    rows += [
+    rows = [
         [each.name, {True: "passed", False: "FAILED", None: "skipped"}[each.passed], each.detail]
         for each in checks
     ]
-    show_table(rows)
+    show_table(Table(["check", "result", "detail"], rows))
     if any(each.passed is False for each in checks):
         raise SystemExit(1)
 
@@ -240,15 +261,15 @@ def test_settings(policy: str, experiment: str | None) -> Settings:
     return settings_from_stored({"experiment": str(card.get("experiment", "own")), **stored})
 
 
-def show_table(rows: list[list[str]]) -> None:
-    """Print rows under the headings in the first of them."""
+def show_table(table: Table) -> None:
+    """Print rows under their headings."""
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Table as Printed
 
-    table = Table(box=None, pad_edge=False)
-    for index, heading in enumerate(rows[0]):
-        table.add_column(heading, justify="right" if index else "left", no_wrap=True)
-    for row in rows[1:]:
-        table.add_row(*row)
+    printed = Printed(box=None, pad_edge=False)
+    for index, heading in enumerate(table.headings):
+        printed.add_column(heading, justify="right" if index else "left", no_wrap=True)
+    for row in table.texts:
+        printed.add_row(*row)
     console = Console()
-    Console(width=max(console.width, 100)).print(table)
+    Console(width=max(console.width, 100)).print(printed)
