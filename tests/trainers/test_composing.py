@@ -81,7 +81,10 @@ def test_whatever_a_key_is_set_to_there_are_settings_or_a_message(key, value):
     assert isinstance(made, Settings)
 
 
-@given(stored=st.dictionaries(st.sampled_from([*dataclasses.asdict(Settings()), "other"]) | st.text(max_size=5), json, max_size=3))
+names = st.sampled_from([*dataclasses.asdict(Settings()), "other"]) | st.text(max_size=5)
+
+
+@given(stored=st.dictionaries(names, json, max_size=3))
 @settings(max_examples=40)
 def test_whatever_is_stored_there_are_settings_or_a_message(stored):
     with contextlib.suppress(SettingsError):
@@ -133,7 +136,10 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
         ("learning.hidden=[]", "learning.hidden must be a list of at least 1 of them, got []"),
         ("learning.hidden=[5000]", "learning.hidden must be at most 15 layers of at most 4096 nodes"),
         ("learning.hidden=[4096,4096]", "learning.hidden must make a policy of at most"),
-        ("learning.epsilon_start=0.01", "learning.epsilon_end must not be above epsilon_start, got 0.05 and 0.01"),
+        (
+            "learning.epsilon_start=0.01",
+            "learning.epsilon_end must not be above epsilon_start",
+        ),
         ("learning.target_rate=0", "learning.target_rate must be above 0, got 0"),
         ("learning.discount=1.5", "learning.discount must be at most 1, got 1.5"),
         ("validation.life=1e300", "validation.life must be at most"),
@@ -192,7 +198,7 @@ def test_settings_come_back_from_what_a_run_stores(experiment):
 
 def test_an_interpolation_is_the_users_own_but_never_a_files():
     assert settings_from(["evaluation.seed=${seed}", "seed=4"]).evaluation.seed == 4
-    with pytest.raises(SettingsError, match=r"stored settings: evaluation.seed must be a whole number, got '\$"):
+    with pytest.raises(SettingsError, match=r"stored settings: evaluation.seed must be a whole number"):
         settings_from_stored({"evaluation": {"seed": "${seed}"}})
     with pytest.raises(SettingsError, match=r"device must be cpu, mps, cuda or cuda:N, got '\$"):
         settings_from_stored({"device": "${oc.env:HOME}"})

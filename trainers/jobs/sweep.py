@@ -18,8 +18,7 @@ from hydra.errors import HydraException
 
 from swarm._support.checks import check_count, check_name
 from trainers.jobs.executors import Task, executor_for, run_tasks
-from trainers.settings.composition import SettingsError, key_of, readable, settings_from
-from trainers.settings.composition import settings_from_stored
+from trainers.settings.composition import SettingsError, key_of, readable, settings_from, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import run_folder as runs
 from trainers.training.machine import check_machine
@@ -34,6 +33,10 @@ def sweep(words: Sequence[str]) -> None:
 
     Raises SettingsError, RunError or OSError before anything is run, and RunError where a run fails.
     """
+    for word in words:
+        if word.startswith("resume="):
+            rule = "resume goes on with one run, a sweep goes on with the same command"
+            raise SettingsError(f"{rule} and the same {FOLDER}=DIR, got {word}")
     own = dict(word.partition("=")[::2] for word in words if word.startswith("hydra"))
     for key in own:
         check_name("Hydra's own key of a sweep", key, (FOLDER, LAUNCHER, JOBS))
@@ -48,7 +51,7 @@ def sweep(words: Sequence[str]) -> None:
     _make_folder(folder, paths, wanted)
     print(f"{len(paths)} runs in {folder}")
     again = f"the same command with {FOLDER}={folder} goes on with them"
-    tasks = [Task(path.name, train_one, pair) for path, *pair in zip(paths, paths, wanted, strict=True)]
+    tasks = [Task(path.name, train_one, (path, each)) for path, each in zip(paths, wanted, strict=True)]
     try:
         run_tasks(tasks, executor_for(0 if launcher == "basic" else workers), title="sweep")
     except KeyboardInterrupt as stopped:

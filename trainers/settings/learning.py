@@ -75,7 +75,7 @@ class DQNSettings(LearningSettings):
 
 @dataclass(config=RULES, frozen=True, kw_only=True)
 class PPOSettings(LearningSettings):
-    """Proximal policy optimisation (Schulman et al. 2017), one policy for all cells; the paper has none of it."""
+    """Proximal policy optimisation (Schulman et al. 2017); none of its numbers is the paper's."""
 
     n_swimmers: Count = 40
     epochs: Count = 30

@@ -54,7 +54,7 @@ class Settings:
     # parameters of `swarm.World`, by its names and with its defaults; a field or a flow is a name or
     # {type: name, parameter: value, …}
     world: dict[str, Any] = dataclasses.field(default_factory=dict)
-    learning: LearningSettings = dataclasses.field(default_factory=dict)  # type: ignore[arg-type]
+    learning: LearningSettings = dataclasses.field(default_factory=dict)  # type: ignore[assignment]
     validation: ValidationSettings = dataclasses.field(default_factory=ValidationSettings)
     evaluation: EvaluationSettings = dataclasses.field(default_factory=EvaluationSettings)
     evaluate: Flag = False  # test the kept policy when training ends

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from swarm._support import files, provenance
+from swarm._support import provenance
 from swarm.policies.network import save_policy
 from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
@@ -45,7 +45,6 @@ def prepare(settings: Settings) -> Training:
 
 def begin(folder: Path, settings: Settings) -> tuple[Training, RunFolder]:
     """A new run, whose folder is made when all else is ready; raises SettingsError or OSError."""
-    files.check_new_folder(folder)
     return prepare(settings), RunFolder.create(folder, settings)
 
 
@@ -194,6 +193,15 @@ def draw(training: Training, run: RunFolder) -> None:
     )
     figure = figures.training({training.settings.experiment: curve})
     figures.save(figure, run.path / runs.FIGURE)
+
+
+def standing(training: Training) -> str:
+    """The gain in validation, now and at best."""
+    gain, fraction = training.latest_validation()
+    text = f"gain {gain:.2f}" if gain == gain else ""  # NaN where none was due
+    text += f" = {100 * fraction:.1f}% of the limit" if fraction == fraction else ""
+    best = training.best_gain.mean()
+    return f"{text}  best {best:.2f}  ".lstrip() if best > -float("inf") else text
 
 
 @contextmanager
