@@ -50,6 +50,8 @@ def line_of(error: BaseException) -> str | None:
     from trainers.training.run_folder import RunError
 
     match error:
+        case BrokenPipeError():  # nobody reads on
+            return None
         case OSError() if error.strerror and error.filename:
             return f"{error.strerror}: {error.filename}"
         case MemoryError():

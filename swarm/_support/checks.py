@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
+import functools
 import math
 import numbers
 import operator
@@ -114,13 +116,29 @@ def check_box(name: str, value: Any) -> tuple[tuple[float, float], tuple[float, 
     return (left, right), (bottom, top)
 
 
-def settle(owner: Any, check: Callable[..., Any], name: str, **rules: Any) -> None:
-    """Checks the parameter `name` of a frozen dataclass and keeps what the check returns.
+def settle(owner: Any, check: Callable[..., Any], *names: str, optional: bool = False, **rules: Any) -> None:
+    """Checks parameters of a frozen dataclass, those that are not None where `optional`, and keeps what the
+    check returns.
 
     Plain floats matter: a NumPy scalar would turn float32 arrays into float64 ones and torch tensors into
     NumPy arrays.
     """
-    object.__setattr__(owner, name, check(name, getattr(owner, name), **rules))
+    for name in names:
+        value = getattr(owner, name)
+        if value is not None or not optional:
+            object.__setattr__(owner, name, check(name, value, **rules))
+
+
+def parameter(default: Any, check: Callable[..., Any], **rules: Any) -> Any:
+    """A field of a dataclass with its default and its rule: it holds what `check(name, value, **rules)`
+    returns, see `settle_all`."""
+    return dataclasses.field(default=default, metadata={"check": functools.partial(check, **rules)})
+
+
+def settle_all(owner: Any) -> None:
+    """Checks every `parameter` of a frozen dataclass, in their order, and keeps what the checks return."""
+    for item in dataclasses.fields(owner):
+        settle(owner, item.metadata["check"], item.name)
 
 
 def check_cells(name: str, rule: str, value: Array, good: Array) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from swarm._support import provenance, streams
 from swarm._support.checks import check_count, check_flag
-from swarm.physics.motion.swimmer import centre_of_curvature
+from swarm.physics.motion.arc import centre_of_curvature
 from swarm.physics.starts import Starts, draw_starts
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy, check_policy

@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 
+import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -33,7 +35,11 @@ WRONG = {  # for a key of each type: of another type, of the wrong sign, size
     str: ["no such thing", "", 5, None, ["linear"], {}],
     list: ["abc", 3, [], ["abc"], [-1, 2], [float("nan"), 1], None, {}, [[1], [2]]],
 }
-RIGHT = [("evaluation.field", None), ("world.start_box", None)]  # what only looks wrong
+RIGHT = [
+    ("evaluation.field", None),
+    ("world.sensor", None),
+    ("world.start_box", None),
+]  # what only looks wrong
 FREE = ("experiment", "recipe", "algorithm")  # any printable text: the name of the run; and what chooses keys
 UNBOUNDED = ("noise", "diffusion", "learning_rate", "decay", "entropy", "weight", "max_gradient")
 
@@ -47,7 +53,7 @@ def nested(key, value):
 def wrong_values(key, default):
     if key == "world.start_box":
         return [*WRONG[list], [[0, 1]], [[1, 0], [0, 1]], [[0, 1e9], [0, 1]]]
-    if key == "evaluation.field":
+    if key in ("evaluation.field", "world.sensor"):
         return WRONG[str]
     return WRONG[type(default)]
 
@@ -202,3 +208,35 @@ def test_an_interpolation_is_the_users_own_but_never_a_files():
         settings_from_stored({"evaluation": {"seed": "${seed}"}})
     with pytest.raises(SettingsError, match=r"device must be cpu, mps, cuda or cuda:N, got '\$"):
         settings_from_stored({"device": "${oc.env:HOME}"})
+
+
+def test_parts_of_a_world_have_parameters_of_which_all_are_stored():
+    made = settings_from(["world.flow={type: vortex, core: 3}", "evaluation.field={type: radial}"])
+    assert made.world["flow"] == made.training_world().flow.__dict__ | {
+        "type": "vortex",
+        "centre": [5.0, 5.0],
+    }
+    assert made.evaluation.field["egg_radius"] == made.test_world().egg[1]
+    assert settings_from_stored(dataclasses.asdict(made)) == made
+
+
+def test_data_of_a_run_are_found_again_near_it_or_said_to_be_missing(tmp_path, monkeypatch):
+    near = tmp_path / "project" / "runs" / "mine"
+    near.mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "project")
+    axis = np.arange(5.0)
+    plane = xr.DataArray(axis + axis[:, None], {"x": axis, "y": axis}, ("x", "y"), "c")
+    plane.to_netcdf("my.nc", engine="h5netcdf")
+    made = settings_from(["world.field={type: gridded, path: my.nc, edges: clamped}"])
+    assert made.world["field"]["shape"] == [5, 5]
+    stored = dataclasses.asdict(made)
+    assert settings_from_stored(stored, near) == made
+    monkeypatch.chdir(tmp_path)
+    found = settings_from_stored(stored, near)
+    assert found.world["field"] == made.world["field"] | {"path": str(tmp_path / "project" / "my.nc")}
+    (2 * plane).rename("c").to_netcdf(tmp_path / "project" / "my.nc", engine="h5netcdf")
+    with pytest.raises(SettingsError, match=r"world.field: data must be the file my.nc with SHA-256"):
+        settings_from_stored(stored, near)
+    (tmp_path / "project" / "my.nc").unlink()
+    with pytest.raises(SettingsError, match=r"world.field: data must be a file that exists"):
+        settings_from_stored(stored, near)

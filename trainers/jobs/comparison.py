@@ -155,7 +155,7 @@ def table(groups: Sequence[Group]) -> Table:
 
 def _tested(folder: Path, cells: int, seed: int) -> list[Contender]:
     run, stored = RunFolder.open(folder)
-    settings = settings_from_stored(stored)
+    settings = settings_from_stored(stored, folder)
     world, found = settings.test_world(), []
     for each in range(settings.seed, settings.seed + settings.n_seeds):  # stored, so there may be any number
         path = run.policy if settings.n_seeds == 1 else run.seed_folder(each) / runs.POLICY

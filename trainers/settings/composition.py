@@ -16,6 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from pydantic import TypeAdapter, ValidationError
 
 from swarm._support.checks import check_name
+from swarm.physics.grids.netcdf import located
 from swarm.physics.world import World
 from swarm.policies.network import ZOO, load_policy
 from trainers.settings.schema import Settings, unknown
@@ -109,9 +110,29 @@ def readable(error: Exception, words: Sequence[str]) -> str:
     return f"{key}: {reason}"
 
 
-def settings_from_stored(stored: Any) -> Settings:
-    """Checked settings from what a run has stored, which is data only; raises SettingsError."""
+def settings_from_stored(stored: Any, near: Path | None = None) -> Settings:
+    """Checked settings from what a run has stored, which is data only; raises SettingsError.
+
+    Files of data that are not where they were are looked for `near` a file or a folder, and in all above it.
+    """
+    if near is not None and isinstance(stored, dict):
+        stored = {key: _with_data_near(key, section, near.resolve()) for key, section in stored.items()}
     return checked(stored, "stored settings: ")
+
+
+def _with_data_near(key: str, section: Any, near: Path) -> Any:
+    """A section of settings whose fields and flows have their files of data."""
+    if not isinstance(section, dict):
+        return section
+    found = dict(section)
+    for name, part in section.items():
+        if isinstance(part, dict) and isinstance(path := part.get("path"), str):
+            places = [folder / each for each in (path, Path(path).name) for folder in (near, *near.parents)]
+            try:
+                found[name] = part | {"path": located(path, part.get("sha256"), places)}
+            except (OSError, ValueError) as error:
+                raise SettingsError(f"stored settings: {key}.{name}: {error}") from None
+    return found
 
 
 def settings_of(policy: str, experiment: str | None) -> Settings:
@@ -128,7 +149,8 @@ def settings_of(policy: str, experiment: str | None) -> Settings:
     known = card.get("settings")
     known = known if isinstance(known, dict) else {}
     stored = {name: known[name] for name in ("world", "evaluation") if name in known}
-    return settings_from_stored({"experiment": str(card.get("experiment", "own")), **stored})
+    stored["experiment"] = str(card.get("experiment", "own"))
+    return settings_from_stored(stored, Path(policy))
 
 
 def checked(values: Any, prefix: str = "") -> Settings:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import itertools
+import json
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -14,10 +15,15 @@ import yaml
 from pydantic import Field, TypeAdapter, ValidationInfo, field_validator, model_validator
 from pydantic.dataclasses import dataclass
 
-from swarm.physics.world import FIELDS, FLOWS, World
+from swarm.physics.fields import FIELDS
+from swarm.physics.flows import FLOWS
+from swarm.physics.perception import SENSORS
+from swarm.physics.rewards import REWARDS
+from swarm.physics.world import World
 from swarm.policies.policy_file import MAX_FILE, MAX_HEADER, MAX_LAYERS, MAX_WIDTH
 from trainers.settings.learning import ALGORITHMS, RULES, Count, Flag, LearningSettings, Positive, Whole
 
+PARTS = {"field": FIELDS, "flow": FLOWS, "sensor": SENSORS, "reward": REWARDS}  # of a world
 MAX_PLACE = 1e5  # [length] of a start, where float32 tells places 0.008 apart
 
 
@@ -51,8 +57,8 @@ class Settings:
     algorithm: Literal["dqn", "ppo"] = "dqn"
     seed: Whole = 0
     n_seeds: Count = 1  # independent seeds trained at once: seed, seed + 1, …
-    # parameters of `swarm.World`, by its names and with its defaults; a field or a flow is a name or
-    # {type: name, parameter: value, …}
+    # parameters of `swarm.World`, by its names and with its defaults; a field, flow, sensor or reward is a
+    # name or {type: name, parameter: value, …}
     world: dict[str, Any] = dataclasses.field(default_factory=dict)
     learning: LearningSettings = dataclasses.field(default_factory=dict)  # type: ignore[assignment]
     validation: ValidationSettings = dataclasses.field(default_factory=ValidationSettings)
@@ -83,7 +89,8 @@ class Settings:
         with _naming("validation"):
             self.training_world().replace(life=self.validation.life)
         with _naming("evaluation"):
-            self.test_world()
+            field = _plain("field", self.evaluation.field, self.test_world().field)
+        object.__setattr__(self, "evaluation", dataclasses.replace(self.evaluation, field=field))
         _check_network(self.learning.hidden, self.training_world())
         return self
 
@@ -124,7 +131,7 @@ def unknown(key: str, known: Iterable[str]) -> str:
 
 def _completed(given: dict[str, Any]) -> dict[str, Any]:
     """All parameters of the world that some of them describe, as plain data; raises ValueError."""
-    names = [item.name for item in dataclasses.fields(World)]
+    names = World.defaults()
     for name in given:
         if name not in names:
             raise ValueError(unknown(f"world.{name}", [f"world.{each}" for each in names]))
@@ -136,17 +143,14 @@ def _completed(given: dict[str, Any]) -> dict[str, Any]:
                     f"start_box must lie within ±{MAX_PLACE:g}, beyond which float32 is too coarse, "
                     f"got {number:g}"
                 )
-    parts = {known: name for name, known in (FIELDS | FLOWS).items()}
-    held = {name: getattr(world, name) for name in names}
-    return {
-        name: given.get(name, parts.get(type(value))) if name in ("field", "flow") else _plain(value)
-        for name, value in held.items()
-    }
+    return {name: _plain(name, given.get(name, names[name]), getattr(world, name)) for name in names}
 
 
-def _plain(value: Any) -> Any:
-    """Lists for tuples."""
-    return [_plain(each) for each in value] if isinstance(value, tuple) else value
+def _plain(name: str, given: Any, held: Any) -> Any:
+    """A parameter of a world as plain data: a part with parameters with all of them, pairs as lists."""
+    if name in PARTS:
+        return PARTS[name].describe(held) or given if isinstance(given, dict) else given
+    return json.loads(json.dumps(held))
 
 
 @contextmanager
@@ -154,8 +158,9 @@ def _naming(section: str) -> Iterator[None]:
     """Within, an error says in which section the key is."""
     try:
         yield
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{section}.{error}") from None
+    except (TypeError, ValueError, OSError) as error:
+        known = str(error).split(" ")[0] in World.defaults()
+        raise ValueError(f"{section}{'.' if known else ': '}{error}") from None
 
 
 def _check_network(hidden: list[int], world: World) -> None:
