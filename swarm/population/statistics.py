@@ -17,8 +17,8 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Per policy: `mean`, `std`, `min`, `max` of the cells' gains, `ci95` of the mean, `fraction_of_limit`,
     `difference_to_greedy` (`mean`, `ci95`; cell by cell) and `wins`, the number of cells that beat greedy.
 
-    The intervals are Student's, 95%, over the cells; None with a single cell. `std` is over the cells (divided
-    by their number). `fraction_of_limit` is None without a limit or with none above 0.
+    The intervals are Student's, 95%, over the cells; None with a single cell. `std` is over the cells
+    (divided by their number). `fraction_of_limit` is None without a limit or with none above 0.
     """
     gains = results["gain"].values  # (policies, cells)
     rival = results["gain"].sel(policy=RIVAL).values
@@ -40,5 +40,5 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
 
 
 def fraction_of_limit(gain: float, limit: float | None) -> float | None:
-    """The part of the limit that is gained; None where there is no limit, or none above 0, as in short lives."""
+    """The part of the limit that is gained; None where no limit is known, or none above 0 (short lives)."""
     return None if limit is None or limit <= 0 else gain / limit

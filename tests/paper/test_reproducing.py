@@ -7,6 +7,7 @@ import dataclasses
 import json
 import re
 import shutil
+from importlib import resources
 from types import SimpleNamespace
 
 import numpy as np
@@ -83,7 +84,7 @@ def done(tmp_path_factory, sparing):
 def shipped(done, tmp_path, monkeypatch):
     """A zoo made of the reproduction, in the place of the one that is shipped."""
     names = ship(done.out, tmp_path / "zoo")
-    found = SimpleNamespace(files=lambda package: tmp_path)
+    found = SimpleNamespace(files=lambda package: tmp_path, as_file=resources.as_file)
     monkeypatch.setattr(network, "resources", found)
     monkeypatch.setattr(stacks, "resources", found)
     return SimpleNamespace(folder=tmp_path / "zoo", names=names)
@@ -204,10 +205,9 @@ def test_a_finished_reproduction_trains_nothing_and_says_the_same(done, tmp_path
 
 def test_a_training_that_was_stopped_goes_on_to_the_same_policies(done, tmp_path, sparing):
     from trainers.training import run as running
-    from trainers.training.machine import prepare
 
     (planned,) = trainings(SMALL, tmp_path)
-    prepared = prepare(planned.settings)
+    prepared = running.prepare(planned.settings)
     run = RunFolder.create(planned.folder, planned.settings)
 
     def stop(progress, seconds):

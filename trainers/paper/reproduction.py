@@ -23,7 +23,7 @@ from swarm._support import files, provenance
 from swarm._support.tables import Table
 from swarm.optimal import physical_limit as optimal
 from swarm.physics.starts import draw_starts
-from trainers.jobs.pool import Task, work_off
+from trainers.jobs.executors import Task, executor_for, run_tasks
 from trainers.paper import report, stacks, tables
 from trainers.paper.claims import Claim, all_claims
 from trainers.paper.illustrations import FOLDER as FIGURES
@@ -38,7 +38,7 @@ from trainers.paper.measurements import (
     swinging_circle,
 )
 from trainers.paper.plan import EGG, RECORDS, TESTS, VORTICES, Plan, Training, trainings
-from trainers.training.run_folder import RunFolder
+from trainers.training.run_folder import RunError, RunFolder
 
 RECORD = "reproduction.json"  # settings, versions, commits; it says that a folder is a reproduction's
 CLAIMS, REPORT, RESULTS, SEEDS = "claims.json", "report.md", "results.csv", "seeds.csv"
@@ -48,14 +48,14 @@ DIGITS = 6  # of numbers in tables
 KEPT = {"drift": ("axis",)} | dict.fromkeys(("gain", "arrived", "lifetime", "wave", "winding", "broken"), ())
 
 
-class ReproductionError(RuntimeError):
+class ReproductionError(RunError):
     """A reproduction that cannot go on as asked; the message says why and what can be done."""
 
 
 def reproduce(plan: Plan, out: Path, publish: Path | None = None) -> list[Claim]:
     """Train, test, judge, draw and report into `out`, with a copy of all but the runs in `publish`.
 
-    Raises ReproductionError, SettingsError, Stopped or OSError.
+    Raises ReproductionError, SettingsError, KeyboardInterrupt or OSError.
     """
     folders = [out] if publish is None else [out, publish]
     for folder in folders:
@@ -109,7 +109,7 @@ def find_limits(plan: Plan, planned: Sequence[Training]) -> None:
 
 def do(plan: Plan, tasks: Sequence[Task], what: str) -> list[Any]:
     """Results of all tasks; raises ReproductionError that names those that failed."""
-    results = work_off(tasks, plan.workers, title=what)
+    results = run_tasks(tasks, executor_for(plan.workers), title=what)
     failed = [
         f"{task.label}: {result}"
         for task, result in zip(tasks, results, strict=True)

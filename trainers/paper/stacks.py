@@ -16,7 +16,7 @@ from swarm.policies.network import Network, load_policy
 from swarm.policies.policy_file import PolicyError
 from swarm.population.contest import population_test
 from swarm.population.results import RIVAL
-from trainers.jobs.pool import Task
+from trainers.jobs.executors import Task
 from trainers.paper.measurements import Stack, TrainingGains
 from trainers.paper.plan import Plan, Training, learnt
 from trainers.settings.composition import SettingsError, settings_from_stored
