@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from swarm._support import streams
 from swarm._support.checks import check_count
-
-if TYPE_CHECKING:
-    from swarm.physics.world import World
+from swarm.physics.world import World
 
 NOISE_BLOCK = 64  # decisions whose random numbers are drawn at once, everywhere
 _ATTEMPTS = 1000

@@ -15,6 +15,8 @@ import numpy as np
 from swarm._support import files
 from swarm.physics.fields import FIELDS
 from swarm.physics.flows import FLOWS
+from swarm.physics.perception import SENSORS
+from swarm.physics.rewards import REWARDS
 from swarm.physics.starts import Starts
 from swarm.physics.world import World
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 
 RIVAL = "greedy"  # the policy that every other is compared with
 MAX_FILE = 2**30  # [bytes] of a results file
-PARTS = {"field": FIELDS, "flow": FLOWS}
+PARTS = {"field": FIELDS, "flow": FLOWS, "sensor": SENSORS, "reward": REWARDS}
 
 Column = tuple[tuple[str, ...], type, str, str]
 LIVES: dict[str, Column] = {  # name: dimensions after (policy, cell), dtype, units, long name
@@ -92,8 +94,8 @@ def _padded(series: np.ndarray, length: int) -> np.ndarray:
 
 
 def settings(world: World) -> dict[str, Any]:
-    """A world's parameters as JSON values; fields and flows by their name and parameters, a user's own by
-    its class."""
+    """A world's parameters as JSON values; fields, flows, sensors and rewards by their name and parameters,
+    a user's own by its class."""
     result = {item.name: getattr(world, item.name) for item in dataclasses.fields(world)}
     for name, registry in PARTS.items():
         part = result[name]
@@ -106,9 +108,10 @@ def world_of(results: xr.Dataset) -> World:
     its data are not where they were."""
     try:
         stored = json.loads(results.attrs["world"])
-        for name, registry in PARTS.items():
-            # version 0.1 told the class
-            names = {kind.__name__: known for known, kind in registry.registered.items()}
+        for name in (
+            PARTS.keys() & stored.keys()
+        ):  # version 0.1 had no sensors and rewards, and told the class
+            names = {kind.__name__: known for known, kind in PARTS[name].registered.items()}
             kind = stored[name]["type"]
             stored[name] = {**stored[name], "type": names.get(kind, kind)}
         return World(**stored)
