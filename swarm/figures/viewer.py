@@ -6,13 +6,10 @@ from collections import deque
 
 import numpy as np
 
-from swarm.figures import picture, scene
-from swarm.figures.panel import write_panel
-from swarm.figures.scene import SIZE, TRAIL, Camera, Glance, Segment
+from swarm.figures.scene import PANEL, SIZE, TRAIL, Camera, Glance, Scene, Segment
 from swarm.figures.window import Window
 from swarm.physics.world import State, World
 
-PANEL = 240  # width of the panel beside the square that shows the world [pixels]
 SMALLEST_VIEW = 9.0  # [length]
 EASE = 0.12  # share of the way to where it should be that the camera goes with each decision
 FRAMES = 4  # pictures of a decision in a window
@@ -36,7 +33,7 @@ class Viewer:
         self.trail: deque[Segment] = deque(maxlen=TRAIL)
         self.curve: list[tuple[float, float, float, float]] = []  # time; mean, least and largest gain
         self.camera: Camera | None = None
-        self.seen: tuple[float, float] | None = None  # values over which the colours run
+        self.scene = Scene(self.world)
 
     def follow(self, state: State) -> None:
         """Take in the next state; cells that began a new life leave their trail behind."""
@@ -72,22 +69,7 @@ class Viewer:
         """The picture (720, 960, 3) uint8 at a `share` of the latest decision, 1 being its end."""
         if self.glance is None or self.camera is None:
             raise RuntimeError("follow must be given a state first")
-        world, camera = self.world, self.camera
-        image = np.empty((3, SIZE, SIZE + PANEL), np.float32)
-        image[:] = np.reshape(picture.PAPER, (3, 1, 1))
-        square = image[..., :SIZE]
-        self.seen = scene.paint_water(square, world, camera, self.seen)
-        if world.in_flow:
-            scene.paint_streaks(square, world, camera, self.seen[1])
-        if world.egg is not None:
-            scene.paint_egg(square, world.egg, camera)
-        scene.paint_swimmers(square, self.glance, self.trail, camera, share)
-        scene.write_scale(square, camera)
-        shown = "flow speed" if world.in_flow else "concentration"
-        panel = image[..., SIZE:]
-        write_panel(panel, self.curve, self.glance.finished, shown, self.seen, scene.colours(world))
-        rounded = (255 * np.clip(image, 0, 1) + 0.5).astype(np.uint8)
-        return np.ascontiguousarray(np.moveaxis(rounded, 0, -1))
+        return self.scene.picture(self.camera, self.glance, self.trail, np.array(self.curve), share=share)
 
     def close(self) -> None:
         """Close the window."""
@@ -115,9 +97,7 @@ class Viewer:
         excess = np.angle(np.exp(1j * (now.angle - before.angle - turn)))
         for i, segment in enumerate(self.trail):
             self.trail[i] = segment._replace(seen=segment.seen & ~begun)
-        self.trail.append(
-            Segment(before.position, now.position - before.position, turn + excess, swum, moved)
-        )
+        self.trail.append(Segment(before.position, now.position - before.position, turn + excess, moved))
 
     def _aim(self, glance: Glance) -> Camera:
         """Move the camera towards the cells that are alive, at once where it has not been."""
