@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 import swarm
 from swarm.figures.viewer import Viewer
 from swarm.physics.starts import draw_starts
-from swarm.policies.strategies import Policy
+from swarm.policies.policy import Policy
 
 SCALE = 0.5  # of the pictures' 960 × 720 pixels
 COLOURS = 96  # few, so that the file stays small

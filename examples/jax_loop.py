@@ -14,7 +14,7 @@ import numpy as np
 
 from swarm import Greedy, World
 from swarm.physics.starts import Starts, draw_starts
-from swarm.policies.strategies import Policy
+from swarm.policies.policy import Policy
 
 jax.config.update("jax_enable_x64", True)  # as NumPy does; without it JAX computes in float32
 

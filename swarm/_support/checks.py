@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
+import functools
 import math
 import numbers
 import operator
@@ -121,6 +123,18 @@ def settle(owner: Any, check: Callable[..., Any], name: str, **rules: Any) -> No
     NumPy arrays.
     """
     object.__setattr__(owner, name, check(name, getattr(owner, name), **rules))
+
+
+def parameter(default: Any, check: Callable[..., Any], **rules: Any) -> Any:
+    """A field of a dataclass with its default and its rule: it holds what `check(name, value, **rules)`
+    returns, see `settle_all`."""
+    return dataclasses.field(default=default, metadata={"check": functools.partial(check, **rules)})
+
+
+def settle_all(owner: Any) -> None:
+    """Checks every `parameter` of a frozen dataclass, in their order, and keeps what the checks return."""
+    for item in dataclasses.fields(owner):
+        settle(owner, item.metadata["check"], item.name)
 
 
 def check_cells(name: str, rule: str, value: Array, good: Array) -> None:

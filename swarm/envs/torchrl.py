@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import functools
-import sys
-import types
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -18,6 +16,7 @@ from torchrl.envs import EnvBase
 from swarm._support import streams
 from swarm._support.arrays import namespace
 from swarm._support.checks import check_count, check_name
+from swarm._support.compiler import compiled
 from swarm.envs.arena import make_world
 from swarm.physics.starts import NOISE_BLOCK, draw_noise, draw_starts
 from swarm.physics.world import Outcome, State, World
@@ -343,36 +342,6 @@ def _decision(world: World, state: State, action: Array, noise: Array | None) ->
     after, outcome = world.step(state, action, noise)
     xp, reward = namespace(outcome.reward), outcome.reward
     return after, outcome._replace(reward=xp.where(state.finished, xp.zeros_like(reward), reward))
-
-
-def compiled(function: Callable[..., Any], *first: Any) -> Callable[..., Any]:
-    """`function` with its first arguments, compiled by torch; as it is, with one line said, where that fails.
-
-    Every call gives what the same code gives: compiled and plain code may round differently.
-    """
-    # A copy with code of its own: torch counts how often it compiles a code, and gives up after some times.
-    own = types.FunctionType(function.__code__.replace(), function.__globals__, function.__name__)
-    fast = torch.compile(own, fullgraph=True, dynamic=False)
-    chosen: list[Callable[..., Any]] = []
-
-    def call(*further: Any) -> Any:
-        arguments = (*first, *further)
-        if chosen:
-            return chosen[0](*arguments)
-        result = function(*arguments)  # fills the tables that the compiled code takes as given
-        try:
-            result = fast(*arguments)
-            chosen.append(fast)
-        except Exception as error:  # no compiler, no headers, an unsupported platform: all end here
-            reason = (str(error).splitlines() or [""])[0][:120]
-            print(
-                f"torch.compile does not work here, going on without: {type(error).__name__}: {reason}",
-                file=sys.stderr,
-            )
-            chosen.append(function)
-        return result
-
-    return call
 
 
 def _part_by_part(array: Tensor) -> Tensor:

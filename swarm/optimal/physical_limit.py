@@ -21,7 +21,8 @@ from swarm.optimal import store as optimal_files
 from swarm.optimal.problem import Problem, problem_of, why_no_limit
 from swarm.optimal.tables import GRIDS, POLICY_GRID, VortexLimit, VortexTables
 from swarm.physics.flows import TaylorGreen
-from swarm.physics.motion.swimmer import Pose, swim
+from swarm.physics.motion.arc import Pose
+from swarm.physics.motion.collocation import swim
 
 if TYPE_CHECKING:
     from swarm.physics.starts import Starts

@@ -18,7 +18,7 @@ from swarm.physics.fields import LinearField
 from swarm.physics.flows import StillWater, TaylorGreen
 
 if TYPE_CHECKING:
-    from swarm.physics.motion.swimmer import Pose
+    from swarm.physics.motion.arc import Pose
     from swarm.physics.world import World
 
 CUBIC = np.arange(-1, 3)  # the neighbours that a cubic reading goes through

@@ -10,11 +10,13 @@ import numpy as np
 
 from swarm._support import provenance, streams
 from swarm._support.checks import check_count, check_flag
-from swarm.physics.motion.swimmer import centre_of_curvature
-from swarm.physics.starts import NOISE_BLOCK, Starts, draw_noise, draw_starts
+from swarm.physics.motion.arc import centre_of_curvature
+from swarm.physics.starts import Starts, draw_starts
 from swarm.physics.world import World
-from swarm.policies.strategies import Greedy, Policy
+from swarm.policies.policy import AnyPolicy, check_policy
+from swarm.policies.strategies import Greedy
 from swarm.population.results import RIVAL, SERIES, as_dataset, settings
+from swarm.population.rollout import Moment, rollout
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
 def population_test(
     world: World,
-    policies: Mapping[str, Policy],
+    policies: Mapping[str, AnyPolicy],
     *,
     cells: int = 40,
     life: float = 200.0,
@@ -67,13 +69,12 @@ def population_test(
     return as_dataset(starts, lived, attributes)
 
 
-def _with_rival(policies: Mapping[str, Policy]) -> dict[str, Policy]:
+def _with_rival(policies: Mapping[str, AnyPolicy]) -> dict[str, AnyPolicy]:
     named: Mapping[Any, Any] = policies
     for name, policy in named.items():
         if not isinstance(name, str) or not name:
             raise TypeError(f"policies must be named by text, got {name!r}")
-        if not callable(getattr(policy, "act", None)):
-            raise TypeError(f"policy {name!r} must have act(world, state, uniform), got {policy!r}")
+        check_policy(name, policy)
     if not isinstance(policies.get(RIVAL, Greedy()), Greedy):
         raise ValueError(f"policy {RIVAL!r} must be the greedy strategy, got {policies[RIVAL]!r}")
     return dict(policies) if RIVAL in policies else {**policies, RIVAL: Greedy()}
@@ -89,7 +90,7 @@ def _limit(world: World, starts: Starts) -> float | None:
 
 def lives(
     world: World,
-    policy: Policy,
+    policy: AnyPolicy,
     starts: Starts,
     seed: int,
     *,
@@ -100,34 +101,18 @@ def lives(
 ) -> dict[str, np.ndarray]:
     """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...)."""
     cells = len(starts.heading)
-    state = world.start(*starts)
     recorder = _Recorder(world, cells) if record else None
-    if recorder:
-        recorder.add(state, np.ones(cells, bool))
     arrived = np.zeros(cells, bool)
     decisions = np.zeros(cells, np.int32)
     gain = maximal = np.zeros(cells)
-    for decision in range(world.max_decisions):
-        block, turn = divmod(decision, NOISE_BLOCK)
-        if turn == 0:
-            uniform = streams.generator(population, "policy", seed, episode, block).random(
-                (cells, NOISE_BLOCK)
-            )
-            if world.has_noise:
-                noise = draw_noise(
-                    seed, cells, NOISE_BLOCK, population=population, episode=episode, block=block
-                )
-        alive = ~state.finished
-        action = policy.act(world, state, uniform[:, turn])
-        state, outcome = world.step(state, action, noise[:, turn] if world.has_noise else None)
-        gain = outcome.gain
-        arrived |= outcome.terminated & alive
-        decisions += alive
-        maximal = np.maximum(maximal, gain)
+    for moment in rollout(world, policy, starts, seed, population=population, episode=episode):
         if recorder:
-            recorder.add(state, alive)
-        if state.finished.all():
-            break
+            recorder.add(moment)
+        if moment.outcome is not None:
+            gain = moment.outcome.gain
+            arrived |= moment.outcome.terminated & moment.alive
+            decisions += moment.alive
+            maximal = np.maximum(maximal, gain)
     if not np.all(np.isfinite(gain)):
         cell = int(np.flatnonzero(~np.isfinite(gain))[0])
         raise ValueError(
@@ -138,7 +123,7 @@ def lives(
         "gain": gain,
         "maximal_gain": maximal,
         "arrived": arrived,
-        "lifetime": world.time(state),
+        "lifetime": world.time(moment.state),
         "decisions": decisions,
     }
     return measured | (recorder.series() if recorder else {})
@@ -155,7 +140,8 @@ class _Recorder:
             for name, (extra, dtype, _, _) in SERIES.items()
         }
 
-    def add(self, state: Any, alive: np.ndarray) -> None:
+    def add(self, moment: Moment) -> None:
+        state = moment.state
         curvature = self.world.curvature(state)
         row = {
             "time": self.world.time(state),
@@ -166,7 +152,7 @@ class _Recorder:
             "concentration": self.world.field.concentration(state.position),
         }
         for name, values in row.items():
-            self.columns[name][self.length, alive] = values[alive]
+            self.columns[name][self.length, moment.alive] = values[moment.alive]
         self.length += 1
 
     def series(self) -> dict[str, np.ndarray]:

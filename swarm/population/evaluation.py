@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from swarm._support import files, provenance
 from swarm.physics.world import World
 from swarm.policies.network import ZOO, load_policy
+from swarm.policies.policy import AnyPolicy
 from swarm.policies.policy_file import POLICY_FILE, PolicyError
-from swarm.policies.strategies import Greedy, Policy, Random, Swinging
+from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
 from swarm.population.results import RIVAL, save_population
 from swarm.population.statistics import statistics
@@ -33,7 +34,7 @@ class Evaluation(NamedTuple):
     table: list[list[str]]  # a row per policy, after the row of headings
 
 
-def named_policy(name: str | os.PathLike, world: World) -> Policy:
+def named_policy(name: str | os.PathLike, world: World) -> AnyPolicy:
     """A strategy by its name, or a trained policy: a run folder, a file, "zoo:NAME".
 
     Raises PolicyError where there is no such policy, suggesting the nearest name, or where it does not fit
@@ -43,7 +44,7 @@ def named_policy(name: str | os.PathLike, world: World) -> Policy:
         from swarm.optimal.physical_limit import Optimal
 
         return Optimal(world)
-    devised: dict[Any, Policy] = {"greedy": Greedy(), "swinging": Swinging(), "random": Random()}
+    devised: dict[Any, AnyPolicy] = {"greedy": Greedy(), "swinging": Swinging(), "random": Random()}
     if name in devised:
         return devised[name]
     if isinstance(name, str) and not name.startswith(ZOO) and not Path(name).exists():
@@ -58,13 +59,13 @@ def named_policy(name: str | os.PathLike, world: World) -> Policy:
     return network
 
 
-def called(policy: str | os.PathLike | Policy) -> str:
+def called(policy: str | os.PathLike | AnyPolicy) -> str:
     """What a policy is called in summaries: as it was named, or by its type."""
     return os.fspath(policy) if isinstance(policy, str | os.PathLike) else type(policy).__name__.lower()
 
 
 def evaluate(
-    policy: str | os.PathLike | Policy,
+    policy: str | os.PathLike | AnyPolicy,
     world: World,
     *,
     experiment: str,

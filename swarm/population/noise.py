@@ -13,7 +13,8 @@ import numpy as np
 from swarm._support import files, streams
 from swarm._support.checks import check_count, check_name
 from swarm.physics.world import World
-from swarm.policies.strategies import Greedy, Policy
+from swarm.policies.policy import AnyPolicy
+from swarm.policies.strategies import Greedy
 from swarm.population.contest import population_test
 from swarm.population.evaluation import LEARNT, STRATEGIES, called, named_policy
 from swarm.population.results import RIVAL
@@ -66,7 +67,7 @@ def check_levels(levels: Sequence[float], kind: str, world: World) -> list[World
 
 
 def sweep_noise(
-    policy: str | os.PathLike | Policy,
+    policy: str | os.PathLike | AnyPolicy,
     world: World,
     levels: Sequence[float],
     *,
@@ -90,7 +91,7 @@ def sweep_noise(
     check_count("cells", cells)
     streams.check_seed(seed)
     worlds = check_levels(levels, kind, world.replace(life=life))
-    players: list[Policy] = [
+    players: list[AnyPolicy] = [
         named_policy(policy, each) if isinstance(policy, str | os.PathLike) else policy for each in worlds
     ]
     name = called(policy)

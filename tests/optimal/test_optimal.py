@@ -18,7 +18,7 @@ from swarm.optimal.tables import VortexLimit, VortexTables, grid_of
 from swarm.optimal.vortices import backward
 from swarm.physics.fields import FunctionField, LinearField, RadialField
 from swarm.physics.flows import TaylorGreen, UniformFlow
-from swarm.physics.motion.swimmer import Pose
+from swarm.physics.motion.arc import Pose
 from swarm.physics.starts import Starts, draw_starts
 from swarm.physics.world import World
 from swarm.policies.strategies import Greedy, Random, Swinging

@@ -17,7 +17,7 @@ from swarm.physics.flows import (
     UniformFlow,
     Vortex,
 )
-from swarm.physics.motion.swimmer import velocity_and_spin
+from swarm.physics.motion.collocation import velocity_and_spin
 from tests.reference import array, to_numpy
 
 WRITTEN_OUT = Vortex(speed_scale=0.2, core=3.0)

@@ -14,7 +14,7 @@ from swarm.physics.fields import GaussianPlume, LinearField
 from swarm.physics.flows import TaylorGreen, Vortex
 from swarm.physics.grids import reading as grids
 from swarm.physics.grids.gridded import GriddedField, GriddedFlow
-from swarm.physics.motion import swimmer
+from swarm.physics.motion.collocation import swim
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from tests.reference import array, place_and_heading, pose, reference, to_numpy
@@ -201,7 +201,7 @@ def test_a_path_in_a_cubic_flow_is_within_tolerance_of_the_reference(xp, edges, 
     start = pose(np, position, angle)
     ones = array(xp, np.ones(20))
     for duration in (0.78, 0.38, -0.38):
-        after = swimmer.swim(pose(xp, position, angle), 4 * ones, ones, duration * ones, flow)
+        after = swim(pose(xp, position, angle), 4 * ones, ones, duration * ones, flow)
         expected = reference(position, start.heading, 4.0, 1.0, duration, flow)
         np.testing.assert_allclose(place_and_heading(after), expected, rtol=0, atol=2e-6)
 

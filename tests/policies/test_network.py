@@ -21,8 +21,8 @@ from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies import network as network_module
 from swarm.policies.network import Network, load_policy, parse_policy, save_policy
+from swarm.policies.policy import Policy
 from swarm.policies.policy_file import MAX_FILE, PolicyError
-from swarm.policies.strategies import Policy
 from tests.reference import array, to_numpy
 
 CARD = {"n_records": 4, "features": 2, "experiment": "linear_n4"}

@@ -9,7 +9,8 @@ from array_api_compat import array_namespace
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies.network import load_policy
-from swarm.policies.strategies import FromObservation, Greedy, Policy, Random, Swinging
+from swarm.policies.policy import Policy
+from swarm.policies.strategies import FromObservation, Greedy, Random, Swinging
 from swarm.population.contest import population_test
 from tests.reference import array, to_numpy
 

@@ -21,7 +21,6 @@ from swarm.physics.flows import (
     Vortex,
 )
 from swarm.physics.grids.gridded import GriddedField, GriddedFlow
-from swarm.physics.motion import intervals
 from swarm.physics.starts import draw_noise, draw_starts
 from swarm.physics.world import World
 
@@ -134,7 +133,7 @@ def check_life(world, cells, dtype, seed, decisions):
         # clocks: monotone, by whole intervals until the last, which ends at the life exactly
         assert np.all(time >= time_before)
         assert np.all(time <= dtype(world.life))
-        up = intervals.time_is_up(world, state.clock)
+        up = world.clock.is_up(state.clock)
         assert np.all(time[up] == dtype(world.life))
         whole = np.asarray(world.intervals)[action]
         on_the_way = alive & ~up

@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from swarm._support import streams
-from swarm.envs.torchrl import SwarmEnv, compiled
+from swarm._support.compiler import compiled
+from swarm.envs.torchrl import SwarmEnv
 from trainers.algorithms.q_network import QNetwork
 from trainers.algorithms.transitions import Transitions
 
