@@ -149,7 +149,7 @@ def _enlarge(axes: Axes, shown: Mapping[str, np.ndarray], results: xr.Dataset, c
     tall = 0.5 * TALL / ENLARGED  # height of the enlarged part, per width
     (x, y), half = (low + high) / 2, 0.54 * max(high[0] - low[0], (high[1] - low[1]) / tall)
     inset = axes.inset_axes((0.99 - ENLARGED, 0.02, ENLARGED, 0.5))
-    for name, path in reversed(shown.items()):
+    for name, path in reversed(list(shown.items())):
         inset.plot(*path.T, color=look(name).colour, linewidth=0.9)
     mark_start(inset, results, cell)
     inset.set(xlim=(x - half, x + half), ylim=(y - tall * half, y + tall * half), xticks=[], yticks=[])

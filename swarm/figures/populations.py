@@ -275,8 +275,8 @@ def groups(rows: Sequence[tuple[Mapping[str, Any], np.ndarray]]) -> Figure:
         axes.plot(seeds, np.full(len(seeds), place), "o", color=style.colour, alpha=0.35, markersize=4)
         if row["low"] is not None:
             axes.plot([row["low"], row["high"]], [place, place], color=style.colour, linewidth=2.4)
-        mean = {"color": style.colour, "markersize": 5, "label": "mean, 95% interval, seeds"}
-        axes.plot(row["mean"], place, "D", **mean)
+        mean = "mean, 95% interval, seeds"
+        axes.plot(row["mean"], place, "D", color=style.colour, markersize=5, label=mean)
         axes.plot(row["greedy"], place, rival.marker, color=rival.colour, markersize=5, label=rival.label)
         if row["limit"] is not None:
             axes.plot([row["limit"]] * 2, [place - 0.3, place + 0.3], color=INK, label="limit")

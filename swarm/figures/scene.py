@@ -109,8 +109,10 @@ class Scene:
             self.figure = Figure(figsize=((SIZE + PANEL) / 72, SIZE / 72), facecolor=PAPER)
             self.canvas = FigureCanvasAgg(self.figure)
             self.canvas.draw()
-            self.backdrop = self.canvas.copy_from_bbox(self.figure.bbox)
-        self.paper = self.backdrop
+            shown = "flow speed" if world.in_flow else "concentration"
+            for row, label in ((52, "time"), (130, "mean gain"), (340, "swimming"), (416, shown)):
+                self._write(LEFT, row, label, fontsize=13, color=FAINT)
+            self.paper = self.backdrop = self.canvas.copy_from_bbox(self.figure.bbox)
 
     def picture(
         self,
@@ -148,9 +150,6 @@ class Scene:
         self._draw(Rectangle((15.5, SIZE - 50.5), wide + 16, 34, color=PAPER, alpha=0.55, linewidth=0))
         self._draw(Rectangle((23.5, SIZE - 26.5), wide, 3, color=INK, linewidth=0))
         self._write(24 + wide / 2, SIZE - 33, f"{length:g}", ha="center")
-        shown = "flow speed" if self.world.in_flow else "concentration"
-        for row, label in ((52, "time"), (130, "mean gain"), (340, "swimming"), (416, shown)):
-            self._write(LEFT, row, label, fontsize=13, color=FAINT)
         self._draw_bar()
 
     def _draw_water(self, camera: Camera) -> None:
@@ -175,16 +174,17 @@ class Scene:
         step = nice_step((high - low) / 8)
         levels = np.arange(math.ceil(low / step), math.floor(high / step) + 1)
         ticks = np.interp(np.arange(GRID), (0, 1, GRID - 2, GRID - 1), (-1, 5.5, SIZE - 6.5, SIZE))
-        found = contour_generator(ticks, ticks, concentration).multi_lines(levels * step)
-        strong = [0.25 if level % 5 == 0 else 0.1 for level in levels for _ in found[level - levels[0]]]
-        self._draw_lines([line for lines in found for line in lines], "#ffffff", strong, 1.0)
+        found: Any = contour_generator(ticks, ticks, concentration).multi_lines(levels * step)
+        strong = [0.25 if level % 5 == 0 else 0.1 for level in levels]
+        drawn = [(line, each) for lines, each in zip(found, strong, strict=True) for line in lines]
+        self._draw_lines([line for line, _ in drawn], "#ffffff", [each for _, each in drawn], 1.0)
 
     def _draw_streaks(self, camera: Camera) -> None:
         """Streaks that brighten in the direction of the flow, the longer the faster it is."""
         step = nice_step(camera.width / 8)  # they stand still while the camera moves
-        ticks = np.arange(math.ceil(camera.width / step) + 3) - math.ceil(camera.width / step / 2) - 1
-        grid = np.stack(np.meshgrid(round(camera.x / step) + ticks, round(camera.y / step) + ticks), axis=-1)
-        grid = step * grid.reshape(-1, 2)
+        reach = math.ceil(camera.width / step / 2) + 1
+        x, y = (step * np.arange(round(at / step) - reach, round(at / step) + reach + 1) for at in camera[:2])
+        grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         streak = self._flow(grid)[:, None] * (0.7 * step / max(self.span[1], 1e-12))
         lines = (grid @ [1, 1j])[:, None] + streak * np.linspace(-0.5, 0.5, 9)
         self._fade(camera.pixels(lines), INK, np.linspace(0, 0.6, 8), 1.5)
@@ -201,7 +201,7 @@ class Scene:
         (top, bottom), (low, high) = BAR, self.span
         shades = self.colours(np.linspace(1, 0, bottom - top), bytes=True)
         self._show(np.repeat(shades[:, None], 16, axis=1), LEFT, top)
-        for value in MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(low, high):
+        for value in MaxNLocator(8, steps=[1, 2, 5, 10]).tick_values(low, high):
             if low <= value <= high and low < high:
                 row = bottom - (bottom - top) * (value - low) / (high - low)
                 self._draw(Line2D([LEFT + 16, LEFT + 22], [row, row], color=FAINT, linewidth=1))
@@ -220,15 +220,16 @@ class Scene:
         if trail:
             oldest = len(trail) - 1 + share
             lines = camera.pixels(places_behind(trail, share, np.linspace(0, oldest, 8 * len(trail) + 1)))
-            fading = (1 - np.linspace(0, oldest, 2 * len(trail)) / TRAIL) ** 1.5
-            self._fade(lines, GOLD, 0.18 * fading, 6.0)
-            self._fade(lines, GOLD, 0.9 * fading, 1.6)
+            age = np.linspace(0, oldest, 2 * len(trail))
+            fading = (1 - age / TRAIL) ** 1.5 * np.clip(0.25 + age / TAIL, 0, 1)  # less under the flagellum
+            self._fade(lines, GOLD, 0.16 * fading, 6.0)
+            self._fade(lines, GOLD, 0.85 * fading, 1.6)
             back = np.linspace(0, min(TAIL, oldest), 25)
             tail = places_behind(trail, share, back)
             phase = back / WAVE - BEAT * clock + 0.38 * np.arange(len(tail))[:, None]  # each its own
             bent = BEND * np.minimum(1, back / 0.5) * np.sin(2 * np.pi * phase)
             along = np.exp(1j * np.angle(np.gradient(tail, axis=1)))
-            self._fade(camera.pixels(tail + 1j * along * bent), HEAD, np.linspace(1, 0.15, 12), 1.6)
+            self._fade(camera.pixels(tail + 1j * along * bent), HEAD, np.linspace(1, 0.2, 12), 1.8)
             latest = trail[-1]
             place = np.where(latest.seen, latest.places(np.array([share]))[:, 0], place)
             angle = angle - np.where(latest.seen, (1 - share) * latest.turn, 0.0)
