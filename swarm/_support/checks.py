@@ -116,13 +116,17 @@ def check_box(name: str, value: Any) -> tuple[tuple[float, float], tuple[float, 
     return (left, right), (bottom, top)
 
 
-def settle(owner: Any, check: Callable[..., Any], name: str, **rules: Any) -> None:
-    """Checks the parameter `name` of a frozen dataclass and keeps what the check returns.
+def settle(owner: Any, check: Callable[..., Any], *names: str, optional: bool = False, **rules: Any) -> None:
+    """Checks parameters of a frozen dataclass, those that are not None where `optional`, and keeps what the
+    check returns.
 
     Plain floats matter: a NumPy scalar would turn float32 arrays into float64 ones and torch tensors into
     NumPy arrays.
     """
-    object.__setattr__(owner, name, check(name, getattr(owner, name), **rules))
+    for name in names:
+        value = getattr(owner, name)
+        if value is not None or not optional:
+            object.__setattr__(owner, name, check(name, value, **rules))
 
 
 def parameter(default: Any, check: Callable[..., Any], **rules: Any) -> Any:

@@ -59,6 +59,11 @@ class Registry(Mapping[str, type]):
     def __len__(self) -> int:
         return len(list(iter(self)))
 
+    @property
+    def registered(self) -> dict[str, type]:
+        """The classes that are known without importing anything."""
+        return dict(self._kinds)
+
     def _load(self, found: list[EntryPoint]) -> None:
         name = found[0].name
         if len({point.value for point in found}) > 1:
@@ -113,9 +118,8 @@ class Registry(Mapping[str, type]):
         if name is None:
             return None
         told = getattr(part, "parameters", None)
-        values = (
-            told() if callable(told) else {key: getattr(part, key, ...) for key in self._parameters(name)}
-        )
+        known = self._parameters(name)
+        values = told() if callable(told) else {key: getattr(part, key, ...) for key in known}
         try:  # pairs become lists
             return {TYPE: name, **json.loads(json.dumps(values, allow_nan=False))}
         except (TypeError, ValueError):

@@ -24,9 +24,8 @@ from swarm._support.checks import (
     parameter,
     settle_all,
 )
-from swarm._support.registry import Registry
-from swarm.physics.fields import DiffusingSource, Field, GaussianPlume, LinearField, RadialField
-from swarm.physics.flows import Flow, PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, UniformFlow, Vortex
+from swarm.physics.fields import FIELDS, Field
+from swarm.physics.flows import FLOWS, Flow, StillWater
 from swarm.physics.motion import clock
 from swarm.physics.motion.clock import Clock
 from swarm.physics.motion.collocation import Collocation
@@ -36,17 +35,6 @@ from swarm.physics.rewards import REWARDS, Reward, check_reward
 
 Array = Any
 
-FIELDS, FLOWS = Registry("field", "chemoswarm.fields"), Registry("flow", "chemoswarm.flows")
-FIELDS.register("linear")(LinearField)
-FIELDS.register("radial")(RadialField)
-FIELDS.register("gaussian_plume")(GaussianPlume)
-FIELDS.register("diffusing_source")(DiffusingSource)
-FLOWS.register("still")(StillWater)
-FLOWS.register("taylor_green")(TaylorGreen)
-FLOWS.register("uniform")(UniformFlow)
-FLOWS.register("shear")(ShearFlow)
-FLOWS.register("poiseuille")(PoiseuilleFlow)
-FLOWS.register("vortex")(Vortex)
 DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
 
 

@@ -18,10 +18,8 @@ from swarm._support.checks import check_cells
 from swarm.physics import perception
 from swarm.physics.motion.arc import Pose, closest_approach, components, turned, unit
 from swarm.physics.motion.swimmer import Interval
-from swarm.physics.parameters import FIELDS, FLOWS, Parameters
+from swarm.physics.parameters import Parameters
 from swarm.physics.perception import Situation
-
-__all__ = ["FIELDS", "FLOWS", "Outcome", "State", "World"]
 
 Array = Any
 

@@ -13,15 +13,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarm._support import files
+from swarm.physics.fields import FIELDS
+from swarm.physics.flows import FLOWS
 from swarm.physics.starts import Starts
-from swarm.physics.world import FIELDS, FLOWS, World
+from swarm.physics.world import World
 
 if TYPE_CHECKING:
     import xarray as xr
 
 RIVAL = "greedy"  # the policy that every other is compared with
 MAX_FILE = 2**30  # [bytes] of a results file
-PARTS: dict[str, type] = {part.__name__: part for part in (*FIELDS.values(), *FLOWS.values())}
+PARTS = {"field": FIELDS, "flow": FLOWS}
 
 Column = tuple[tuple[str, ...], type, str, str]
 LIVES: dict[str, Column] = {  # name: dimensions after (policy, cell), dtype, units, long name
@@ -90,35 +92,27 @@ def _padded(series: np.ndarray, length: int) -> np.ndarray:
 
 
 def settings(world: World) -> dict[str, Any]:
-    """A world's parameters as JSON values; fields and flows by the name of their type and their numbers."""
-    result = {}
-    for item in dataclasses.fields(world):
-        value = getattr(world, item.name)
-        if item.name in ("field", "flow"):
-            parts = dataclasses.fields(value) if dataclasses.is_dataclass(value) else ()
-            numbers = {part.name: getattr(value, part.name) for part in parts}
-            plain = {name: number for name, number in numbers.items() if not callable(number)}
-            value = {"type": type(value).__name__, **plain}
-        result[item.name] = value
+    """A world's parameters as JSON values; fields and flows by their name and parameters, a user's own by
+    its class."""
+    result = {item.name: getattr(world, item.name) for item in dataclasses.fields(world)}
+    for name, registry in PARTS.items():
+        part = result[name]
+        result[name] = registry.describe(part) or {"type": type(part).__name__}
     return result
 
 
 def world_of(results: xr.Dataset) -> World:
-    """The world that results were made in; raises ResultsError where its field or flow is a user's own."""
+    """The world that results were made in; raises ResultsError where its field or flow is a user's own, or
+    its data are not where they were."""
     try:
         stored = json.loads(results.attrs["world"])
-        for name in ("field", "flow"):
-            part = dict(stored[name])
-            kind = part.pop("type")
-            if kind not in PARTS:
-                raise ResultsError(
-                    f"{name} must be one of {', '.join(sorted(PARTS))} to be made again, got {kind!r}"
-                )
-            stored[name] = PARTS[kind](**part)
+        for name, registry in PARTS.items():
+            # version 0.1 told the class
+            names = {kind.__name__: known for known, kind in registry.registered.items()}
+            kind = stored[name]["type"]
+            stored[name] = {**stored[name], "type": names.get(kind, kind)}
         return World(**stored)
-    except ResultsError:
-        raise
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OSError) as error:
         raise ResultsError(f"results must state the world they were made in, got {error}") from None
 
 

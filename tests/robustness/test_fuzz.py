@@ -10,9 +10,17 @@ import xarray as xr
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
-from swarm.physics.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
+from swarm.physics.fields import (
+    DiffusingSource,
+    FunctionField,
+    GaussianPlume,
+    GriddedField,
+    LinearField,
+    RadialField,
+)
 from swarm.physics.flows import (
     FunctionFlow,
+    GriddedFlow,
     PoiseuilleFlow,
     ShearFlow,
     StillWater,
@@ -20,7 +28,6 @@ from swarm.physics.flows import (
     UniformFlow,
     Vortex,
 )
-from swarm.physics.grids.gridded import GriddedField, GriddedFlow
 from swarm.physics.starts import draw_noise, draw_starts
 from swarm.physics.world import World
 

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from swarm._support.checks import check_box, check_count, check_name, check_number
-from swarm.physics.world import FIELDS, FLOWS, World
+from swarm.physics.fields import FIELDS
+from swarm.physics.flows import FLOWS
+from swarm.physics.world import World
 from swarm.policies.policy_file import MAX_FILE, MAX_HEADER, MAX_LAYERS, MAX_WIDTH
 
 MAX_THREADS = 1024
