@@ -12,7 +12,7 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 from swarm._support import streams
 from trainers.algorithms.q_network import QNetwork
 from trainers.algorithms.transitions import Transitions
-from trainers.settings.schema import LearningSettings
+from trainers.settings.learning import DQNSettings
 
 
 class LossOutcome(NamedTuple):
@@ -65,7 +65,7 @@ class Learner:
     """Networks, optimiser and replay buffer of all seeds."""
 
     def __init__(
-        self, n_inputs: int, n_actions: int, settings: LearningSettings, seeds: list[int], device: str = "cpu"
+        self, n_inputs: int, n_actions: int, settings: DQNSettings, seeds: list[int], device: str = "cpu"
     ) -> None:
         self.settings, self.seeds, self.device = settings, seeds, torch.device(device)
         generators = [

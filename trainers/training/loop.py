@@ -19,7 +19,8 @@ from swarm.physics.world import World
 from trainers.algorithms.dqn import Learner
 from trainers.algorithms.exploration import Explorer
 from trainers.algorithms.transitions import Transitions
-from trainers.settings.schema import LearningSettings, Settings
+from trainers.settings.learning import DQNSettings, LearningSettings
+from trainers.settings.schema import Settings
 from trainers.training.run_folder import METRIC_COLUMNS, RunError
 from trainers.training.validation import Validation
 
@@ -31,7 +32,7 @@ class TrainingError(RunError):
     """Training cannot go on."""
 
 
-def epsilon_at(settings: LearningSettings, epoch: int, progress: float) -> float:
+def epsilon_at(settings: DQNSettings, epoch: int, progress: float) -> float:
     """ε in an epoch (from 0); `progress` is the part of all epochs that is over."""
     if settings.epsilon_schedule == "exponential":
         return max(settings.epsilon_end, settings.epsilon_start * settings.epsilon_decay**epoch)
@@ -58,6 +59,7 @@ class Training:
         # Of environments; TorchRL moves what it is given where the processor is named.
         self.device = None if settings.device == "cpu" else settings.device
         learning = settings.learning
+        assert isinstance(learning, DQNSettings)
         world = settings.training_world()
         cells = learning.n_worlds * len(self.seeds) * learning.n_swimmers
         fast = settings.compile == "always" or (
@@ -77,6 +79,7 @@ class Training:
 
     def make_explorer(self, world: World, compile: bool) -> Explorer:
         learning = self.settings.learning
+        assert isinstance(learning, DQNSettings)
         env = SwarmEnv(
             learning.n_worlds * len(self.seeds),
             self.device,
@@ -92,6 +95,7 @@ class Training:
     def run_epoch(self) -> None:
         """One life of every cell, with rounds of updates in between, then validation where it is due."""
         settings, learning = self.settings, self.settings.learning
+        assert isinstance(learning, DQNSettings)
         self.explorer.restart()
         self.learner.begin(self.epoch)
         longest = self.env.world.max_decisions
@@ -212,6 +216,7 @@ class Training:
             "epoch": int(self.best_epoch[place]),
             "n_records": world.n_records,
             "features": world.features,
+            "sensor": world.sensor.name,
             "n_actions": world.n_actions,
             "settings": {name: settings[name] for name in ("world", "learning", "validation", "evaluation")},
             "validation": {

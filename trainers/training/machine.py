@@ -6,46 +6,26 @@ import importlib.util
 import itertools
 import os
 import re
-from typing import TYPE_CHECKING
 
 from trainers.settings.composition import SettingsError
+from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import Settings
-
-if TYPE_CHECKING:
-    from trainers.training.loop import Training
 
 
 def check_machine(settings: Settings) -> None:
     """Raises SettingsError that names what is missing and the setting that asks for it."""
-    wanted = {"torch": "training", "tensordict": "training", "torchrl": "training"}
-    wanted |= {"tensorboard": "tensorboard=true"} if settings.tensorboard else {}
-    wanted |= {"wandb": "wandb=true"} if settings.wandb else {}
-    missing = [name for name in wanted if importlib.util.find_spec(name) is None]
-    if missing:
-        raise SettingsError(
-            f"{wanted[missing[0]]} needs {', '.join(missing)}, which is not installed: "
-            "pip install 'chemoswarm[train]' brings all but wandb"
-        )
+    for name in ("tensorboard", "wandb"):
+        if getattr(settings, name) and importlib.util.find_spec(name) is None:
+            raise SettingsError(f"{name}=true needs {name}, which is not installed: pip install {name}")
     needed, there = memory_needed(settings), _memory()
     if settings.device == "cpu" and there is not None and needed > there:
         raise SettingsError(
             f"these settings need {needed / 2**30:.3g} GiB of memory, this machine has {there / 2**30:.3g}: "
-            "lower n_seeds, learning.buffer_size, learning.n_swimmers, learning.n_worlds, "
-            "learning.batch_size or world.n_records"
+            "lower n_seeds, world.n_records, or what learning holds: buffer_size, n_swimmers, n_worlds, "
+            "batch_size"
         )
     if settings.device != "cpu":
         _check_device(settings.device)
-
-
-def prepare(settings: Settings) -> Training:
-    """A training that is ready to begin; raises SettingsError where settings or machine do not do."""
-    check_machine(settings)
-    from trainers.training.loop import Training  # imports torch, which may not be there
-
-    try:
-        return Training(settings)
-    except (TypeError, ValueError, MemoryError) as error:
-        raise SettingsError(str(error) or "there is not enough memory for these settings") from None
 
 
 def memory_needed(settings: Settings) -> int:
@@ -54,9 +34,12 @@ def memory_needed(settings: Settings) -> int:
     inputs, seeds = world.observation_size, settings.n_seeds
     cells = learning.n_worlds * learning.n_swimmers
     transition = 4 * (2 * inputs + 4)  # packed
-    buffer = 2 * learning.buffer_size * transition  # once more for a checkpoint
-    rollout = cells * min(learning.collect or world.max_decisions, world.max_decisions) * (2 * transition + 8)
-    batch = learning.updates * learning.batch_size * (transition + 16)
+    decisions = min(learning.collect or world.max_decisions, world.max_decisions)
+    rollout = cells * decisions * (2 * transition + 8)
+    buffer, batch = 0, learning.batch_size * (transition + 16)
+    if isinstance(learning, DQNSettings):
+        buffer = 2 * learning.buffer_size * transition  # once more for a checkpoint
+        batch *= learning.updates
     sizes = (inputs, *learning.hidden, world.n_actions)
     parameters = sum(a * b + b for a, b in itertools.pairwise(sizes))
     layers = 3 * 4 * sum(sizes) * learning.batch_size

@@ -59,7 +59,7 @@ def _template(training: Training) -> dict[str, Tensor]:
 
 def largest(training: Training) -> int:
     """Bytes that the tensor file of a checkpoint can have at most."""
-    learning, size = training.settings.learning, 2**20  # the header
+    learning, size = training.learner.settings, 2**20  # the header
     for name, value in _template(training).items():
         rows = learning.buffer_size if name == "buffer" else 1
         size += value.nbytes * (learning.epochs if name == "measures" else rows)
@@ -87,7 +87,7 @@ def restore(training: Training, tensors: dict[str, Tensor], record: dict[str, in
 
 def _check(training: Training, tensors: dict[str, Tensor], record: dict[str, int]) -> None:
     """Raises CheckpointError unless these are the tensors and counters of such a run."""
-    learning, template = training.settings.learning, _template(training)
+    learning, template = training.learner.settings, _template(training)
     for name in record_of(training):
         if type(record.get(name)) is not int or record[name] < 0:
             raise CheckpointError(f"checkpoint's {name} must be a whole number, got {record.get(name)!r}")
