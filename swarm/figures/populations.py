@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from swarm.figures.life import path_of
@@ -22,6 +21,7 @@ from swarm.figures.style import (
     frame,
     label_beside,
     legend,
+    legend_above,
     lettered,
     look,
     mark_start,
@@ -142,19 +142,11 @@ def _gains_panel(axes: Axes, results: xr.Dataset, policies: Sequence[str]) -> No
     numbers, cells, marks = statistics(results), results.sizes["cell"], []
     for name in policies:
         style, gain, own = look(name), results["gain"].sel(policy=name).values, numbers[name]
-        axes.scatter(
-            np.arange(1, cells + 1),
-            gain,
-            s=18 if cells <= 100 else 6,
-            marker=style.marker,
-            facecolor=style.colour if style.line == "-" else "none",
-            edgecolor=style.colour,
-            linewidth=0.9,
-            zorder=3,
-        )
-        axes.axhline(gain.mean(), color=style.colour, linewidth=1.2)
-        label = f"{style.label}\n{own['mean']:.1f} ± {own['std']:.1f}"
-        marks.append((own["mean"], label, style.colour))
+        inside, size = style.colour if style.line == "-" else "none", 4.2 if cells <= 100 else 2.4
+        shape: dict[str, Any] = {"markerfacecolor": inside, "markersize": size, "markeredgewidth": 0.9}
+        axes.plot(range(1, cells + 1), gain, style.marker, color=style.colour, zorder=3, **shape)
+        axes.axhline(own["mean"], color=style.colour)
+        marks.append((own["mean"], f"{style.label}\n{own['mean']:.1f} ± {own['std']:.1f}", style.colour))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="cell", ylabel=r"gain $\Delta c = c(t_\mathrm{life}) - c(0)$", xlim=(0, cells + 1))
     limit = results.attrs.get("limit")
@@ -184,8 +176,7 @@ def radial(
         frame(axes, square=True)
         axes.set(xlabel="$x$", ylabel="$y$")
     shade_concentration([left, right], world)
-    handles = [Line2D([], [], color=colour, linewidth=0.8), Line2D([], [], color=INK, linewidth=1.2)]
-    left.legend(handles, ["path", "centreline"], loc="best")
+    left.legend(left.lines[:2], ["path", "centreline"], loc="best")
     lettered([left, right])
     return figure
 
@@ -213,8 +204,7 @@ def training(curves: Mapping[str, Curve] | Curve) -> Figure:
         axes.set_title(title, loc="left")
         axes.set_xlabel("epoch")
     panels[0].set_ylabel(r"gain $\Delta c$")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+    legend_above(figure, panels[0])
     if len(named) > 1:
         lettered(panels)
     return figure
@@ -283,7 +273,5 @@ def groups(rows: Sequence[tuple[Mapping[str, Any], np.ndarray]]) -> Figure:
     axes.set_yticks(range(len(rows)), [plain(row["runs"]) for row, _ in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xlabel(r"mean gain $\Delta c$")
-    handles, labels = axes.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    figure.legend(list(unique.values()), list(unique), loc="outside upper right", ncols=len(unique))
+    legend_above(figure, axes)
     return figure

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from swarm import figures
 from swarm.policies.policy import Policy
@@ -165,7 +166,7 @@ def _vortices(case: Case, recipe: str, results: xr.Dataset, folder: Path) -> lis
     ]
 
 
-def _saved(figure: object, folder: Path, drawing: Drawing) -> Drawing:
+def _saved(figure: Figure, folder: Path, drawing: Drawing) -> Drawing:
     path = f"{FOLDER}/{drawing.recipe}/{drawing.path}"
     (folder / path).parent.mkdir(parents=True, exist_ok=True)
     figures.save(figure, folder / path)

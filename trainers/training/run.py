@@ -191,7 +191,7 @@ def draw(training: Training, run: RunFolder) -> None:
         greedy=float(training.validation.greedy.mean()),
         limit=None if limits is None else float(limits.mean()),
     )
-    figure = figures.training({training.settings.experiment: curve})
+    figure = figures.training({figures.plain(training.settings.experiment): curve})
     figures.save(figure, run.path / runs.FIGURE)
 
 
