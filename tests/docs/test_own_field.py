@@ -22,9 +22,10 @@ def test_every_block_of_the_page_runs(tmp_path, monkeypatch, capsys):
     names = {}
     for block in BLOCKS:
         exec(compile(block, str(PAGE), "exec"), names)
-    words = shlex.split(
-        re.search(r"```shell\n(.*?)\nswarm evaluate", PAGE.read_text(encoding="utf-8"), re.S)[1]
+    command = re.search(
+        r"```shell\n(swarm train .*?)\nswarm evaluate", PAGE.read_text(encoding="utf-8"), re.S
     )
+    words = shlex.split(command[1].replace("\\\n", ""))
     made = settings_from([word for word in words[2:] if not word.startswith("hydra.")])
     assert made.world["field"]["shape"] == made.world["flow"]["shape"] == [81, 41]
     assert (tmp_path / "my_field.png").stat().st_size > 10_000

@@ -137,7 +137,7 @@ WRONG = {
     "world.flow={type: vortex, cor: 3}": "parameter of flow 'vortex' .* got 'cor'; did you mean 'core'",
     "world.flow={type: vortex, core: -3}": "flow 'vortex': core must be a finite number above 0, got -3",
     "world.flow={core: 3}": "flow must state its type, one of .*, got {'core': 3}",
-    "evaluation.field={type: linear, offset: high}": "evaluation.field 'linear': offset must be .*, got 'high'",
+    "evaluation.field={type: linear, offset: high}": "evaluation.field 'linear': offset must be .* 'high'",
     "world.flow=3": "world.flow must have .* got 3",
 }
 
