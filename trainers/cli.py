@@ -136,7 +136,7 @@ def resume(folder: Path) -> None:
     from trainers.training.run_folder import RunFolder
 
     run, stored = RunFolder.open(folder)
-    settings = settings_from_stored(stored)
+    settings = settings_from_stored(stored, folder)
     if run.finished:
         print(f"{folder} is finished after {settings.learning.epochs} epochs; nothing is left to learn")
         return _test_after(settings, run)

@@ -204,7 +204,7 @@ class Training:
     # --- what comes out -------------------------------------------------------------------------------------
 
     def policy_card(self, place: int) -> dict[str, Any]:
-        """What a policy file says of itself: no times, no paths."""
+        """What a policy file says of itself: no times, and no paths but those of data, as they were given."""
         limits = self.validation.limits
         gain = float(self.best_gain[place])
         world = self.env.world

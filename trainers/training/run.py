@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import signal
 import sys
 import time
@@ -51,7 +50,7 @@ def begin(folder: Path, settings: Settings) -> tuple[Training, RunFolder]:
 def resume(folder: Path) -> tuple[Training, RunFolder]:
     """A run that was begun, as its settings say; raises SettingsError or RunError."""
     run, stored = RunFolder.open(folder)
-    training = prepare(settings_from_stored(stored))
+    training = prepare(settings_from_stored(stored, folder))
     then, now = run.record.get("versions"), provenance.versions()
     if isinstance(then, dict) and (changed := [name for name in now if then.get(name) != now[name]]):
         print(
@@ -121,7 +120,7 @@ def _go_on(training: Training, run: RunFolder) -> None:
     run.tidy()
     checkpoints.tidy(folder)
     at_most = snapshots.largest(training) if folder.is_dir() else 0
-    found = checkpoints.read_newest(folder, dataclasses.asdict(settings), at_most=at_most)
+    found = checkpoints.read_newest(folder, settings.identity(), at_most=at_most)
     if found is not None:
         tensors, record, complaints = found
         try:
@@ -159,7 +158,7 @@ def _save(training: Training, run: RunFolder) -> None:
         training.epoch,
         snapshots.tensors_of(training),
         snapshots.record_of(training),
-        dataclasses.asdict(training.settings),
+        training.settings.identity(),
     )
 
 
