@@ -134,7 +134,7 @@ def progress_line(settings: Settings) -> Any:
     def report(training: Any, seconds: float) -> None:
         import numpy as np
 
-        gain, fraction = training.latest_validation()
+        gain, fraction = (training.measure(name)[-1].mean() for name in ("gain", "fraction_of_limit"))
         text = f"epoch {training.epoch}/{settings.learning.epochs}"
         if not np.isnan(gain):
             text += f"  gain {gain:.2f}"

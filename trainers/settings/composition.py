@@ -92,6 +92,9 @@ def _check_word(word: str) -> None:
 def settings_from_stored(stored: dict[str, Any]) -> Settings:
     """Checked settings from what a run has stored, which is data only; raises SettingsError."""
     schema = OmegaConf.structured(Settings)
+    learning = stored.get("learning")
+    if isinstance(learning, dict) and learning.get("average_rate") == 1:  # runs of version 0.1 hold it
+        stored = stored | {"learning": {name: learning[name] for name in learning if name != "average_rate"}}
     _check_stored(stored, OmegaConf.to_container(schema), "")
     try:
         return as_settings(OmegaConf.merge(schema, stored))

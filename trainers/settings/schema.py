@@ -81,9 +81,6 @@ class LearningSettings:
     )
     epsilon_decay: float = 0.998  # paper table 2
     epsilon_fraction: float = 0.6
-    average_rate: float = (
-        1.0  # part of the way the played network moves to the online one per update; 1: the online one
-    )
     keep: str = "last"  # the policy that is kept: "last", or "best" on the validation population
 
 
@@ -231,13 +228,12 @@ def _check_learning(learning: LearningSettings) -> None:
         raise ValueError(f"learning.hidden must be one or more layer sizes, got {learning.hidden}")
     for size in learning.hidden:
         check_count("learning.hidden", size)
-    for name in ("learning_rate", "target_rate", "average_rate", "epsilon_fraction", "epsilon_decay"):
+    for name in ("learning_rate", "target_rate", "epsilon_fraction", "epsilon_decay"):
         check_number(f"learning.{name}", getattr(learning, name), above=0.0)
     check_number("learning.learning_rate_decay", learning.learning_rate_decay, at_least=0.0)
     for name in (
         "discount",
         "target_rate",
-        "average_rate",
         "learning_rate_end",
         "epsilon_start",
         "epsilon_end",

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+import torch
+from torch import Tensor
 
 from swarm.envs.torchrl import SwarmEnv
 from swarm.optimal.physical_limit import limit
@@ -11,7 +15,6 @@ from swarm.physics.world import World
 from swarm.policies.strategies import Greedy
 from swarm.population.contest import lives
 from swarm.population.results import RIVAL
-from trainers.algorithms.q_network import QNetwork
 
 
 class Validation:
@@ -40,11 +43,14 @@ class Validation:
             ]
         )
 
-    def gains(self, network: QNetwork) -> np.ndarray:
-        """Mean gain (seeds,) of each seed's cells, the best action always taken."""
+    @torch.no_grad()
+    def gains(self, policy: Callable[[Tensor], Tensor]) -> np.ndarray:
+        """Mean gain (seeds,) of each seed's cells, the action always taken for which `policy` gives the
+        largest number: (seeds, cells, inputs) -> (seeds, cells, actions).
+        """
         env = self.env
         env.set_seeds(self.seeds)  # the same lives every time
         observation = env.restart()
         while not env.all_finished():
-            observation = env.advance(network.values(observation).argmax(-1)).observation
+            observation = env.advance(policy(observation).argmax(-1)).observation
         return env.gain().double().mean(-1).cpu().numpy()
