@@ -76,7 +76,7 @@ def updates_of(training: Training) -> Callable[[], None]:
 
     def call() -> None:
         if not waiting:
-            waiting.extend(algorithm.buffer.sample().split(algorithm.settings.batch_size, dim=1))
+            waiting.extend(algorithm.buffer.batches(6, algorithm.settings.batch_size))
         algorithm.update(waiting.pop())
 
     return call

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from tensordict import TensorDict
+from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from swarm._support import streams
@@ -21,10 +20,10 @@ class SeedCollector:
     TorchRL's Collector costs several times the decision itself for worlds this cheap
     (`benchmarks/training_path.py`), and knows of no seeds. The policy reads `observation`
     (seeds, cells, inputs) and `uniform` (seeds, cells, 2), numbers in [0, 1) that are each cell's own, and
-    writes `action` (seeds, cells) and whatever else it wants to see again; `cells` are those of one seed.
+    writes its `out_keys`, among them `action` (seeds, cells); `cells` are those of one seed.
     """
 
-    def __init__(self, env: SwarmEnv, policy: Callable[[TensorDict], TensorDict]) -> None:
+    def __init__(self, env: SwarmEnv, policy: TensorDictModuleBase) -> None:
         self.env, self.policy = env, policy
         self.cells = env.n_worlds // len(env.seeds) * env.n_swimmers
         self._shape = (len(env.seeds), self.cells)
@@ -36,26 +35,26 @@ class SeedCollector:
         In TorchRL's keys; `mask` of `collector` says which cells were alive.
         """
         env, results = self.env, []
-        steps: list[TensorDict] = []
+        written: dict[str, list[Tensor]] = {name: [] for name in ("observation", *self.policy.out_keys)}
         for _ in range(decisions):
             assert env.observation is not None, "env.restart() must come first"
             seen = {"observation": self._by_seed(env.observation), "uniform": self._uniform()}
             step = self.policy(TensorDict(seen, self._shape))
             results.append(env.advance(step["action"].reshape(env.n_worlds, -1)))
-            steps.append(step.exclude("uniform"))
+            for name, values in written.items():
+                values.append(step[name])
             if env.all_finished():
                 break
-        observation, reward, terminated, truncated, valid = map(torch.stack, zip(*results, strict=True))
-        rollout, shape = TensorDict.stack(steps), (len(steps), *self._shape)
-        rollout["collector"] = TensorDict({"mask": valid.reshape(shape)}, shape)
+        observation, reward, terminated, truncated, alive = map(torch.stack, zip(*results, strict=True))
+        shape = (len(results), *self._shape)
         following = {
             "observation": observation.reshape(*shape, -1),
             "reward": reward.reshape(*shape, 1).float(),
             "terminated": terminated.reshape(*shape, 1),
             "done": (terminated | truncated).reshape(*shape, 1),
         }
-        rollout["next"] = TensorDict(following, shape)
-        return rollout
+        taken = {name: torch.stack(values) for name, values in written.items()}
+        return TensorDict({**taken, "collector": {"mask": alive.reshape(shape)}, "next": following}, shape)
 
     def gains(self) -> Tensor:
         """Gain (seeds, cells) of the lives so far."""

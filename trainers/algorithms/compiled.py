@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
 from torch import Tensor, nn
 from torch.optim import Adam
 from torch.optim.adam import adam
@@ -34,10 +33,9 @@ class CompiledUpdate:
         self.step = compiled(_updated, error, online, tau)
 
     @torch.no_grad()
-    def __call__(self, batch: TensorDictBase) -> dict[str, Tensor]:
+    def __call__(self, batch: Mapping) -> dict[str, Tensor]:
         rate = torch.tensor(self.optimiser.param_groups[0]["lr"])  # as a number, each would be compiled anew
-        leaves = dict(batch.items(include_nested=True, leaves_only=True))
-        loss, value, *held = self.step(self.held, rate, leaves)
+        loss, value, *held = self.step(self.held, rate, batch)
         for old, new in zip(self.held, held, strict=True):
             torch._foreach_copy_(old, new)
         return {"loss": loss, "chosen_action_value": value}

@@ -31,6 +31,7 @@ from trainers.algorithms.schedules import epsilon_at, learning_rate_at
 from trainers.settings.schema import Settings
 
 WORTH_COMPILING = 30_000  # updates, from which compiling one saves more time than it takes
+REACHED = ("reward", "observation", "terminated")  # what follows a decision
 LOSSES = {"squared": "l2", "huber": "smooth_l1"}  # in TorchRL's words
 
 
@@ -90,8 +91,8 @@ class SeedDQNLoss(LossModule):
         if delay_value:
             self._modules["target_value_network_params"].to_module(target)
 
-    def forward(self, tensordict: TensorDictBase) -> TensorDict:
-        loss, value = self.error(self.value_network, self.target_network, tensordict)
+    def forward(self, batch: Mapping) -> TensorDict:
+        loss, value = self.error(self.value_network, self.target_network, batch)
         return TensorDict({"loss": loss, "chosen_action_value": value.detach()}, loss.shape)
 
 
@@ -107,31 +108,30 @@ class FusedSoftUpdate(SoftUpdate):
         torch._foreach_lerp_(self._old, self._new, 1 - self.eps)
 
 
-def returns(rollout: TensorDict, gamma: float, n_steps: int) -> TensorDict:
-    """A rollout (decisions, ...) whose rewards are sums over up to `n_steps` decisions of the same life.
+def returns(rollout: Mapping[Any, Tensor], gamma: float, n_steps: int) -> dict[str | tuple[str, str], Tensor]:
+    """Transitions (decisions, ...) whose rewards are sums over up to `n_steps` decisions of the same life.
 
-    Writes what TorchRL's MultiStep writes: Σ γᵏ r, the observation that follows, and the steps to it (Sutton
+    What TorchRL's MultiStep writes: Σ γᵏ r, the observation that follows, and the steps to it (Sutton
     and Barto 2018, eq. 7.1). A termination on the way counts, which MultiStep leaves to its user.
     """
-    following, alive = rollout["next"], rollout["collector", "mask"].unsqueeze(-1)
-    reward, seen, ended = (following[name] for name in ("reward", "observation", "terminated"))
+    reward, seen, ended = (rollout["next", name] for name in REACHED)
     total, reached, terminated = reward.clone(), seen.clone(), ended.clone()
-    steps = torch.ones_like(reward)
+    alive, steps = rollout["collector", "mask"].unsqueeze(-1), torch.ones_like(reward)
     for ahead in range(1, min(n_steps, len(reward))):
         goes_on = alive[ahead:]
         total[:-ahead] += torch.where(goes_on, gamma**ahead * reward[ahead:], 0.0)
         reached[:-ahead] = torch.where(goes_on, seen[ahead:], reached[:-ahead])
         terminated[:-ahead] |= goes_on & ended[ahead:]
         steps[:-ahead] += goes_on
-    further = {"observation": reached, "reward": total, "terminated": terminated}
-    rows = rollout.select("observation", "action", "collector")
-    return rows.update({"next": TensorDict(further, rollout.shape), "steps_to_next_obs": steps})
+    further = {("next", name): part for name, part in zip(REACHED, (total, reached, terminated), strict=True)}
+    return {**rollout, **further, "steps_to_next_obs": steps}
 
 
 class DQN(Algorithm):
     """Decides for every cell, remembers what came of it, and learns from random parts of that."""
 
     metrics = ("loss", "q_mean", "epsilon", "learning_rate")
+    kept = ("observation", "action", ("collector", "mask"), *(("next", name) for name in REACHED))
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
         self.env, self.settings = env, settings.learning
@@ -152,15 +152,14 @@ class DQN(Algorithm):
         self.follow = FusedSoftUpdate(self.loss, tau=learning.target_rate) if delayed else None
         self.optimiser = fused_adam(self.policy.parameters())
         self.draws = [torch.Generator(device or "cpu") for _ in env.seeds]
-        batch = learning.updates * learning.batch_size
-        self.buffer = SeedReplay(learning.buffer_size, batch, world.observation_size, self.draws)
-        self.update: Callable[[TensorDict], Mapping[str, Tensor]] = self._update
+        self.buffer = SeedReplay(learning.buffer_size, world.observation_size, self.draws)
+        self.update: Callable[[Mapping], Mapping[str, Tensor]] = self._update
         rounds = learning.epochs * math.ceil(world.max_decisions / (learning.collect or world.max_decisions))
         if worth_compiling(settings, rounds * learning.updates, WORTH_COMPILING):
             networks = (self.policy, self.loss.target_network)
             self.update = CompiledUpdate(self.loss.error, *networks, self.optimiser, learning.target_rate)
 
-    def _update(self, batch: TensorDict) -> TensorDict:
+    def _update(self, batch: Mapping) -> Mapping[str, Tensor]:
         """One step of the optimiser."""
         measured = self.loss(batch)
         self.optimiser.zero_grad()
@@ -171,7 +170,7 @@ class DQN(Algorithm):
         return measured
 
     def begin(self, epoch: int) -> None:
-        self.epoch, self.waiting = epoch, None
+        self.epoch, self.waiting = epoch, dict[Any, Tensor]()
         for generator, seed in zip(self.draws, self.env.seeds, strict=True):
             generator.manual_seed(streams.integer_seed("training", "replay", seed, epoch))
 
@@ -184,20 +183,22 @@ class DQN(Algorithm):
 
         The last decisions wait for the rewards of the next ones, unless all lives have ended.
         """
-        window = rollout if self.waiting is None else torch.cat([self.waiting, rollout])
-        waiting = 0 if self.env.all_finished() else self.settings.n_steps - 1
-        complete = max(0, len(window) - waiting)
-        self.waiting = window[complete:]
+        window = {key: rollout[key] for key in self.kept}
+        if self.waiting:
+            window = {key: torch.cat([self.waiting[key], now]) for key, now in window.items()}
+        decisions = len(window["action"])
+        complete = decisions if self.env.all_finished() else max(0, decisions - self.settings.n_steps + 1)
+        self.waiting = {key: now[complete:] for key, now in window.items()}
         if complete:
-            rows = returns(window, self.settings.discount, self.settings.n_steps)[:complete]
-            self.buffer.extend(rows.transpose(1, 2).flatten(0, 1))  # (rows, seeds)
+            rows = returns(window, self.settings.discount, self.settings.n_steps)
+            self.buffer.extend({key: part[:complete] for key, part in rows.items()})
         return complete > 0
 
     def learn(self, rollout: TensorDict, progress: float) -> dict[str, Tensor | float] | None:
         """One round of updates."""
         if not self.remember(rollout):
             return None
-        for batch in self.buffer.sample().split(self.settings.batch_size, dim=1):
+        for batch in self.buffer.batches(self.settings.updates, self.settings.batch_size):
             rate = self.optimiser.param_groups[0]["lr"] = learning_rate_at(
                 self.settings, self.updates, progress
             )
@@ -208,16 +209,14 @@ class DQN(Algorithm):
 
     def tensors(self) -> dict[str, Tensor]:
         held = {f"loss.{name}": tensor for name, tensor in self.loss.state_dict(keep_vars=True).items()}
-        rows = {f"buffer.{name}": column for name, column in self.buffer.tensors().items()}
-        return held | optimiser_tensors(self.optimiser) | rows
+        return held | optimiser_tensors(self.optimiser) | {"buffer": self.buffer.rows}
 
     def counters(self) -> dict[str, int]:
         return super().counters() | {"cursor": self.buffer.cursor}
 
     def growing(self) -> dict[str, int]:
-        return {f"buffer.{name}": self.buffer.size for name in self.buffer.tensors()}
+        return {"buffer": self.buffer.size}
 
     def restore(self, tensors: Mapping[str, Tensor], counters: Mapping[str, int]) -> None:
-        columns = {name.removeprefix("buffer."): tensors[name] for name in self.growing()}
-        self.buffer.refill(columns, counters["cursor"], self.env.world.n_actions)
+        self.buffer.refill(tensors["buffer"], counters["cursor"], self.env.world.n_actions)
         super().restore(tensors, counters)

@@ -1,15 +1,41 @@
-"""Replay: TorchRL's buffer for rows that every seed has one of, each seed drawing its own."""
+"""Replay: TorchRL's buffer for transitions of several seeds, each of which draws its own.
+
+Transitions go by TorchRL's keys, but lie in the buffer as rows of numbers: TorchRL takes a TensorDict apart
+entry by entry, while a single tensor goes in and out by one operation.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import torch
-from tensordict import TensorDict
 from torch import Tensor
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.data.replay_buffers.samplers import RandomSampler
+
+Key = str | tuple[str, str]
+
+OBSERVATIONS: tuple[Key, ...] = ("observation", ("next", "observation"))  # (..., inputs)
+NUMBERS: tuple[Key, ...] = (("next", "reward"), "steps_to_next_obs")  # (..., 1)
+FLAGS: tuple[Key, ...] = (("next", "terminated"),)  # (..., 1) bool
+BARE: dict[Key, torch.dtype] = {"action": torch.int64, ("collector", "mask"): torch.bool}  # (...)
+OTHERS = len(NUMBERS) + len(FLAGS) + len(BARE)
+
+
+def packed(transitions: Mapping[Any, Tensor]) -> Tensor:
+    """Rows (..., width) of float32, which holds every action exactly, of transitions (...)."""
+    columns = [transitions[key] for key in (*OBSERVATIONS, *NUMBERS, *FLAGS)]
+    return torch.cat([*columns, *(transitions[key].unsqueeze(-1) for key in BARE)], dim=-1)
+
+
+def unpacked(rows: Tensor) -> dict[Key, Tensor]:
+    """The transitions (...) that were packed in rows (..., width)."""
+    inputs = (rows.shape[-1] - OTHERS) // 2
+    columns = rows.split((inputs, inputs, *(1,) * OTHERS), dim=-1)
+    found = dict(zip((*OBSERVATIONS, *NUMBERS, *FLAGS, *BARE), columns, strict=True))
+    found |= {key: found[key].bool() for key in FLAGS}
+    return found | {key: found[key].squeeze(-1).to(dtype) for key, dtype in BARE.items()}
 
 
 class SeedSampler(RandomSampler):
@@ -27,42 +53,45 @@ class SeedSampler(RandomSampler):
         return (torch.stack(drawn), self.seeds), {}
 
 
-class SeedReplay(ReplayBuffer):
-    """Keeps the newest `size` rows (rows, seeds) in TorchRL's keys; samples are (seeds, rows)."""
+class SeedReplay:
+    """Keeps the newest `size` transitions of every seed."""
 
-    def __init__(self, size: int, batch_size: int, inputs: int, generators: list[torch.Generator]) -> None:
-        device, self.size = generators[0].device, size
+    def __init__(self, size: int, inputs: int, generators: list[torch.Generator]) -> None:
+        self.size, device = size, generators[0].device
         storage = LazyTensorStorage(size, device=device)
-        super().__init__(storage=storage, sampler=SeedSampler(generators), batch_size=batch_size)
-        self.extend(_blank(inputs, len(generators)).to(device))
-        self.empty()  # which leaves the storage as large as it gets
+        self.buffer = ReplayBuffer(storage=storage, sampler=SeedSampler(generators), batch_size=1)
+        self.buffer.extend(torch.zeros(1, len(generators), 2 * inputs + OTHERS, device=device))
+        self.buffer.empty()  # which leaves the storage as large as it gets
+
+    def extend(self, transitions: Mapping[Any, Tensor]) -> None:
+        """Add transitions (decisions, seeds, cells)."""
+        self.buffer.extend(packed(transitions).transpose(1, 2).flatten(0, 1))
+
+    def batches(self, count: int, size: int) -> Iterator[dict[Key, Tensor]]:
+        """Batches (seeds, rows) of `size` rows, all drawn at once."""
+        drawn = unpacked(self.buffer.sample(count * size))
+        columns = (column.contiguous().split(size, dim=1) for column in drawn.values())
+        for parts in zip(*columns, strict=True):
+            yield dict(zip(drawn, parts, strict=True))
+
+    @property
+    def rows(self) -> Tensor:
+        """All there is (rows, seeds, width), not copied."""
+        return self.buffer[:]
 
     @property
     def cursor(self) -> int:
-        """The place that the next row goes to."""
-        return self.writer.state_dict()["_cursor"]
+        """The place that the next transition goes to."""
+        return self.buffer.writer.state_dict()["_cursor"]
 
-    def tensors(self) -> dict[str, Tensor]:
-        """All rows (rows, seeds, ...) by dotted key, none of them copied."""
-        return dict(self[:].flatten_keys().items())
-
-    def refill(self, columns: Mapping[str, Tensor], cursor: int, n_actions: int) -> None:
-        """Put back what `tensors` gave; raises ValueError for what cannot come from such a buffer."""
-        action, rows = columns["action"], {len(column) for column in columns.values()}
-        if len(rows) > 1 or action.min() < 0 or action.max() >= n_actions or cursor > self.size:
+    def refill(self, rows: Tensor, cursor: int, n_actions: int) -> None:
+        """Put back what `rows` gave; raises ValueError where it cannot be from here."""
+        action = unpacked(rows)["action"]
+        if action.min() < 0 or action.max() >= n_actions or cursor > self.size:
             raise ValueError(
-                f"buffer must hold whole rows with actions from 0 to {n_actions - 1}, and its cursor be at "
-                f"most {self.size}, got actions from {action.min()} to {action.max()}, and {cursor}"
+                f"buffer must hold actions from 0 to {n_actions - 1} and its cursor be at most {self.size}, "
+                f"got actions from {action.min()} to {action.max()} and {cursor}"
             )
-        self.empty()
-        self.extend(TensorDict(dict(columns), action.shape).unflatten_keys().to(self.storage.device))
-        self.writer.load_state_dict({"_cursor": cursor})
-
-
-def _blank(inputs: int, seeds: int) -> TensorDict:
-    """One row (1, seeds)."""
-    seen, number = torch.zeros(1, seeds, inputs), torch.zeros(1, seeds, 1)
-    following = {"observation": seen, "reward": number, "terminated": number.bool()}
-    row = {"observation": seen, "action": number.squeeze(-1).long(), "steps_to_next_obs": number}
-    nested = {"collector": {"mask": number.squeeze(-1).bool()}, "next": following}
-    return TensorDict(row | nested, (1, seeds))
+        self.buffer.empty()
+        self.buffer.extend(rows.to(self.buffer.storage.device))
+        self.buffer.writer.load_state_dict({"_cursor": cursor})
