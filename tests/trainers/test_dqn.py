@@ -33,8 +33,14 @@ def loss_of(seeds=1, *, double=True, delay_value=True, kind="huber"):
         loss_function=KINDS[kind],
     )
     if delay_value:
+        FusedSoftUpdate(made, tau=0.1)  # without one, TorchRL warns
         made.target_network.load_state_dict(network(SIZES, seeds, first=30).state_dict())
     return made
+
+
+def actor_of(module):
+    """TorchRL's actor around a network."""
+    return QValueActor(module, spec=Categorical(2), in_keys=["observation"], action_space="categorical")
 
 
 def slopes(module):
@@ -52,9 +58,8 @@ def test_loss_and_gradient_are_those_of_torchrl(kind, double, delay_value):
     """With terminations, truncations, returns over several decisions, and cells that were not alive."""
     ours, batch = loss_of(double=double, delay_value=delay_value, kind=kind), transitions(1, 64)
     module = stock(ours.value_network, 0)
-    actor = QValueActor(module, spec=Categorical(2), in_keys=["observation"], action_space="categorical")
     theirs = DQNLoss(
-        actor,
+        actor_of(module),
         action_space="categorical",
         loss_function=KINDS[kind],
         delay_value=delay_value,
@@ -63,8 +68,8 @@ def test_loss_and_gradient_are_those_of_torchrl(kind, double, delay_value):
     theirs.make_value_estimator(gamma=DISCOUNT)
     if delay_value:
         SoftUpdate(theirs, eps=0.5)  # without one, TorchRL warns
-        target = stock(ours.target_network, 0)
-        theirs.target_value_network_params.module.data.update_(TensorDict.from_module(target).data)
+        target = TensorDict.from_module(actor_of(stock(ours.target_network, 0)))
+        theirs.target_value_network_params.data.update_(target.data)
     truncated = torch.rand(64, 1, generator=torch.Generator().manual_seed(5)) < 0.3
     row = TensorDict(batch, (1, 64))[0]
     row["next", "done"] = row["next", "terminated"] | truncated

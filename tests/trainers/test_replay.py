@@ -109,6 +109,6 @@ def test_a_refilled_buffer_goes_on_where_it_was(more):
 def test_what_cannot_come_from_such_a_buffer_is_refused(cursor, n_actions):
     replay = filled()
     with pytest.raises(
-        ValueError, match=r"buffer must hold actions from 0 to .* and its cursor be at most 60"
+        ValueError, match=r"buffer must have rows with actions from 0 to .*, and its cursor be at most 60"
     ):
         replay.refill(replay.rows.clone(), cursor, n_actions)

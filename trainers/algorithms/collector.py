@@ -51,7 +51,7 @@ class SeedCollector:
             "observation": observation.reshape(*shape, -1),
             "reward": reward.reshape(*shape, 1).float(),
             "terminated": terminated.reshape(*shape, 1),
-            "done": (terminated | truncated).reshape(*shape, 1),
+            "done": (terminated | truncated | ~alive).reshape(*shape, 1),
         }
         taken = {name: torch.stack(values) for name, values in written.items()}
         return TensorDict({**taken, "collector": {"mask": alive.reshape(shape)}, "next": following}, shape)

@@ -26,7 +26,7 @@ from trainers.algorithms.base import Algorithm, fused_adam, optimiser_tensors, w
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.compiled import CompiledUpdate
 from trainers.algorithms.networks import seed_mlp
-from trainers.algorithms.replay import SeedReplay
+from trainers.algorithms.replay import COLUMNS, SeedReplay
 from trainers.algorithms.schedules import epsilon_at, learning_rate_at
 from trainers.settings.schema import Settings
 
@@ -78,6 +78,9 @@ def q_error(
 
 class SeedDQNLoss(LossModule):
     """`torchrl.objectives.DQNLoss` for each of a leading axis of seeds."""
+
+    in_keys = [*COLUMNS]
+    out_keys = ["loss", "chosen_action_value"]
 
     value_network: nn.Module
     value_network_params: TensorDictParams

@@ -20,7 +20,8 @@ OBSERVATIONS: tuple[Key, ...] = ("observation", ("next", "observation"))  # (...
 NUMBERS: tuple[Key, ...] = (("next", "reward"), "steps_to_next_obs")  # (..., 1)
 FLAGS: tuple[Key, ...] = (("next", "terminated"),)  # (..., 1) bool
 BARE: dict[Key, torch.dtype] = {"action": torch.int64, ("collector", "mask"): torch.bool}  # (...)
-OTHERS = len(NUMBERS) + len(FLAGS) + len(BARE)
+COLUMNS: tuple[Key, ...] = (*OBSERVATIONS, *NUMBERS, *FLAGS, *BARE)
+OTHERS = len(COLUMNS) - len(OBSERVATIONS)
 
 
 def packed(transitions: Mapping[Any, Tensor]) -> Tensor:
@@ -33,7 +34,7 @@ def unpacked(rows: Tensor) -> dict[Key, Tensor]:
     """The transitions (...) that were packed in rows (..., width)."""
     inputs = (rows.shape[-1] - OTHERS) // 2
     columns = rows.split((inputs, inputs, *(1,) * OTHERS), dim=-1)
-    found = dict(zip((*OBSERVATIONS, *NUMBERS, *FLAGS, *BARE), columns, strict=True))
+    found = dict(zip(COLUMNS, columns, strict=True))
     found |= {key: found[key].bool() for key in FLAGS}
     return found | {key: found[key].squeeze(-1).to(dtype) for key, dtype in BARE.items()}
 
@@ -59,13 +60,14 @@ class SeedReplay:
     def __init__(self, size: int, inputs: int, generators: list[torch.Generator]) -> None:
         self.size, device = size, generators[0].device
         storage = LazyTensorStorage(size, device=device)
-        self.buffer = ReplayBuffer(storage=storage, sampler=SeedSampler(generators), batch_size=1)
+        self.buffer = ReplayBuffer(storage=storage, sampler=SeedSampler(generators))
         self.buffer.extend(torch.zeros(1, len(generators), 2 * inputs + OTHERS, device=device))
         self.buffer.empty()  # which leaves the storage as large as it gets
 
     def extend(self, transitions: Mapping[Any, Tensor]) -> None:
         """Add transitions (decisions, seeds, cells)."""
-        self.buffer.extend(packed(transitions).transpose(1, 2).flatten(0, 1))
+        rows = packed(transitions).transpose(1, 2).flatten(0, 1)
+        self.buffer.extend(rows[-self.size :])  # two rows for one place would race
 
     def batches(self, count: int, size: int) -> Iterator[dict[Key, Tensor]]:
         """Batches (seeds, rows) of `size` rows, all drawn at once."""
@@ -87,10 +89,10 @@ class SeedReplay:
     def refill(self, rows: Tensor, cursor: int, n_actions: int) -> None:
         """Put back what `rows` gave; raises ValueError where it cannot be from here."""
         action = unpacked(rows)["action"]
-        if action.min() < 0 or action.max() >= n_actions or cursor > self.size:
+        if not len(rows) or action.min() < 0 or action.max() >= n_actions or cursor > self.size:
             raise ValueError(
-                f"buffer must hold actions from 0 to {n_actions - 1} and its cursor be at most {self.size}, "
-                f"got actions from {action.min()} to {action.max()} and {cursor}"
+                f"buffer must have rows with actions from 0 to {n_actions - 1}, and its cursor be at most "
+                f"{self.size}, got {len(rows)} rows and {cursor}"
             )
         self.buffer.empty()
         self.buffer.extend(rows.to(self.buffer.storage.device))

@@ -46,8 +46,8 @@ def largest(training: Training) -> int:
     """Bytes that the tensor file of a checkpoint can have at most."""
     growing, size = _growing(training), HEADER
     for name, value in _template(training).items():
-        rows = growing[name] * value[0:1].new_zeros(1, *value.shape[1:]).nbytes if name in growing else 0
-        size += rows or value.nbytes
+        one = value.new_zeros(1, *value.shape[1:])
+        size += growing[name] * one.nbytes if name in growing else value.nbytes
     return size
 
 
