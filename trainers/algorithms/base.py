@@ -33,6 +33,11 @@ class Algorithm(ABC):
     @abstractmethod
     def __init__(self, env: SwarmEnv, settings: Settings) -> None: ...
 
+    @staticmethod
+    @abstractmethod
+    def memory_needed(settings: Settings) -> int:
+        """Bytes that one seed works with beside its cells, roughly, and rather too few than too many."""
+
     @abstractmethod
     def begin(self, epoch: int) -> None:
         """Get ready for epoch number `epoch`, from 0 on, whose lives have begun."""

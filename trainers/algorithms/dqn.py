@@ -25,8 +25,8 @@ from swarm.envs.torchrl import SwarmEnv
 from trainers.algorithms.base import Algorithm, fused_adam, optimiser_tensors, worth_compiling
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.compiled import CompiledUpdate
-from trainers.algorithms.networks import seed_mlp
-from trainers.algorithms.replay import COLUMNS, SeedReplay
+from trainers.algorithms.networks import memory_of, seed_mlp
+from trainers.algorithms.replay import COLUMNS, SeedReplay, width
 from trainers.algorithms.schedules import epsilon_at, learning_rate_at
 from trainers.settings.schema import Settings
 
@@ -161,6 +161,13 @@ class DQN(Algorithm):
         if worth_compiling(settings, rounds * learning.updates, WORTH_COMPILING):
             networks = (self.policy, self.loss.target_network)
             self.update = CompiledUpdate(self.loss.error, *networks, self.optimiser, learning.target_rate)
+
+    @staticmethod
+    def memory_needed(settings: Settings) -> int:
+        learning, world = settings.learning, settings.training_world()
+        sizes = (world.observation_size, *learning.hidden, world.n_actions)
+        rows = 2 * learning.buffer_size + learning.updates * learning.batch_size  # a checkpoint's, too
+        return 4 * rows * width(sizes[0]) + memory_of(sizes, learning.batch_size)
 
     def _update(self, batch: Mapping) -> Mapping[str, Tensor]:
         """One step of the optimiser."""

@@ -51,6 +51,12 @@ def seed_mlp(sizes: Sequence[int], generators: Sequence[torch.Generator], device
     return mlp
 
 
+def memory_of(sizes: Sequence[int], rows: int) -> int:
+    """Bytes of a network of one seed, with copies, moments and gradient, and of a batch's way through it."""
+    parameters = sum(inputs * outputs + outputs for inputs, outputs in itertools.pairwise(sizes))
+    return 4 * (7 * parameters + 3 * sum(sizes) * rows)
+
+
 def exported(parameters: Mapping[str, Tensor], place: int, card: dict[str, Any]) -> Network:
     """The network of one of the seeds in an MLP's `state_dict`, as a policy that runs in NumPy."""
     arrays = {name: values[place].detach().cpu().numpy() for name, values in parameters.items()}

@@ -24,6 +24,11 @@ COLUMNS: tuple[Key, ...] = (*OBSERVATIONS, *NUMBERS, *FLAGS, *BARE)
 OTHERS = len(COLUMNS) - len(OBSERVATIONS)
 
 
+def width(inputs: int) -> int:
+    """Numbers in a row."""
+    return 2 * inputs + OTHERS
+
+
 def packed(transitions: Mapping[Any, Tensor]) -> Tensor:
     """Rows (..., width) of float32, which holds every action exactly, of transitions (...)."""
     columns = [transitions[key] for key in (*OBSERVATIONS, *NUMBERS, *FLAGS)]
@@ -61,7 +66,7 @@ class SeedReplay:
         self.size, device = size, generators[0].device
         storage = LazyTensorStorage(size, device=device)
         self.buffer = ReplayBuffer(storage=storage, sampler=SeedSampler(generators))
-        self.buffer.extend(torch.zeros(1, len(generators), 2 * inputs + OTHERS, device=device))
+        self.buffer.extend(torch.zeros(1, len(generators), width(inputs), device=device))
         self.buffer.empty()  # which leaves the storage as large as it gets
 
     def extend(self, transitions: Mapping[Any, Tensor]) -> None:

@@ -124,7 +124,6 @@ class Training:
         epoch's rounds of what differs between seeds, and the last of what does not; gain, fraction_of_limit:
         validation (NaN where none was due).
         """
-        limits = self.validation.limits
         row = np.empty((len(self.seeds), len(self.measured)))
         means = self.env.gain().double().reshape(len(self.seeds), -1).mean(-1)
         columns: dict[str, Any] = {
@@ -133,7 +132,7 @@ class Training:
             "decisions": self.decisions,
             "updates": self.algorithm.updates,
             "gain": gain,
-            "fraction_of_limit": np.nan if limits is None else gain / limits,
+            "fraction_of_limit": self._of_limit(gain),
         }
         for place, name in enumerate(self.measured):
             row[:, place] = columns[name]
@@ -144,6 +143,12 @@ class Training:
         )
         self._check_finite("sum of the weights", weights.cpu().numpy())
         self.measures = np.concatenate([self.measures, row[None]])
+
+    def _of_limit(self, gain: np.ndarray) -> np.ndarray:
+        """Gain (seeds,) as a fraction of the limit; NaN where there is none."""
+        if np.isnan(gain).all() or self.validation.limits is None:
+            return np.full(len(self.seeds), np.nan)
+        return gain / self.validation.limits
 
     # --- what is told of it ---------------------------------------------------------------------------------
 
@@ -171,8 +176,8 @@ class Training:
 
     def _card(self, place: int) -> dict[str, Any]:
         """What a policy file says of itself: no times, no paths."""
-        limits, world = self.validation.limits, self.env.world
-        gain, settings = float(self.best_gain[place]), dataclasses.asdict(self.settings)
+        world, settings = self.env.world, dataclasses.asdict(self.settings)
+        fraction = float(self._of_limit(self.best_gain)[place])
         return {
             "experiment": self.settings.experiment,
             "recipe": self.settings.recipe,
@@ -183,8 +188,8 @@ class Training:
             "n_actions": world.n_actions,
             "settings": {name: settings[name] for name in ("world", "learning", "validation", "evaluation")},
             "validation": {
-                "gain": gain,
-                "fraction_of_limit": None if limits is None else gain / float(limits[place]),
+                "gain": float(self.best_gain[place]),
+                "fraction_of_limit": None if np.isnan(fraction) else fraction,
             },
             "versions": provenance.versions(),
             "commit": provenance.commit(),

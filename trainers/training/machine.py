@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import itertools
 import os
 import re
 from typing import TYPE_CHECKING
@@ -50,19 +49,13 @@ def prepare(settings: Settings) -> Training:
 
 def memory_needed(settings: Settings) -> int:
     """Bytes a run works with, roughly, and rather too few than too many."""
+    from trainers.algorithms import ALGORITHMS  # imports torch, which may not be there
+
     learning, world = settings.learning, settings.training_world()
-    inputs, seeds = world.observation_size, settings.n_seeds
     cells = learning.n_worlds * learning.n_swimmers
-    transition = 4 * (2 * inputs + 4)  # packed
-    buffer = 2 * learning.buffer_size * transition  # once more for a checkpoint
-    rollout = cells * min(learning.collect or world.max_decisions, world.max_decisions) * (2 * transition + 8)
-    batch = learning.updates * learning.batch_size * (transition + 16)
-    sizes = (inputs, *learning.hidden, world.n_actions)
-    parameters = sum(a * b + b for a, b in itertools.pairwise(sizes))
-    layers = 3 * 4 * sum(sizes) * learning.batch_size
-    return seeds * (
-        buffer + rollout + batch + 7 * 4 * parameters + layers + settings.validation.cells * inputs * 8
-    )
+    rollout = cells * min(learning.collect or world.max_decisions, world.max_decisions)
+    seen = 8 * world.observation_size * (2 * rollout + settings.validation.cells)
+    return settings.n_seeds * (seen + ALGORITHMS["dqn"].memory_needed(settings))
 
 
 def _memory() -> int | None:

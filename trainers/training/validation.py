@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -18,13 +19,10 @@ from swarm.population.results import RIVAL
 
 
 class Validation:
-    """A world of `cells` cells for every seed, drawn from the seed's validation streams.
-
-    `limits` (None where there is none) and `greedy`, the gain of that strategy, are (seeds,).
-    """
+    """A world of `cells` cells for every seed, drawn from the seed's validation streams."""
 
     def __init__(self, world: World, cells: int, seeds: list[int], device: str | None = None) -> None:
-        self.seeds = seeds
+        self.world, self.seeds = world, seeds
         self.env = SwarmEnv(
             len(seeds),
             device,
@@ -33,15 +31,22 @@ class Validation:
             population="validation",
             world=world,
         )
-        starts = [draw_starts(world, cells, seed, population="validation") for seed in seeds]
-        bounds = [limit(world, each) for each in starts]
-        self.limits = None if None in bounds else np.array(bounds, float)
-        self.greedy = np.array(
-            [
-                lives(world, Greedy(), each, seed, name=RIVAL, population="validation")["gain"].mean()
-                for seed, each in zip(seeds, starts, strict=True)
-            ]
+        self._starts = [draw_starts(world, cells, seed, population="validation") for seed in seeds]
+
+    @functools.cached_property
+    def limits(self) -> np.ndarray | None:
+        """The physical limit (seeds,) of each seed's cells; None where there is none."""
+        bounds = [limit(self.world, each) for each in self._starts]
+        return None if None in bounds else np.array(bounds, float)
+
+    @functools.cached_property
+    def greedy(self) -> np.ndarray:
+        """Mean gain (seeds,) of each seed's cells under greedy."""
+        lived = (
+            lives(self.world, Greedy(), each, seed, name=RIVAL, population="validation")
+            for seed, each in zip(self.seeds, self._starts, strict=True)
         )
+        return np.array([results["gain"].mean() for results in lived])
 
     @torch.no_grad()
     def gains(self, policy: Callable[[Tensor], Tensor]) -> np.ndarray:
