@@ -19,7 +19,8 @@ import torch
 from tensordict import TensorDict
 
 from benchmarks.timing import best_times, printed_number, resident_bytes
-from swarm.envs.torchrl import GROUP, SwarmEnv, compiled
+from swarm._support.compiler import compiled
+from swarm.envs.torchrl import GROUP, SwarmEnv
 from swarm.physics.world import Outcome, State, World
 
 CELLS = 40  # of a world

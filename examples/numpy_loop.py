@@ -9,7 +9,7 @@ import numpy as np
 
 from swarm import Greedy, Swinging, World
 from swarm.physics.starts import draw_starts
-from swarm.policies.strategies import Policy
+from swarm.policies.policy import Policy
 
 
 def live(world: World, policy: Policy, *, cells: int = 40, seed: int = 0) -> np.ndarray:

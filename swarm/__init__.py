@@ -10,9 +10,19 @@ import pettingzoo as _pettingzoo
 
 from swarm._support.provenance import __version__
 from swarm.envs.pettingzoo import parallel_env
-from swarm.physics.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
+from swarm.physics.fields import FIELDS as fields
+from swarm.physics.fields import (
+    DiffusingSource,
+    FunctionField,
+    GaussianPlume,
+    GriddedField,
+    LinearField,
+    RadialField,
+)
+from swarm.physics.flows import FLOWS as flows
 from swarm.physics.flows import (
     FunctionFlow,
+    GriddedFlow,
     PoiseuilleFlow,
     ShearFlow,
     StillWater,
@@ -20,14 +30,14 @@ from swarm.physics.flows import (
     UniformFlow,
     Vortex,
 )
+from swarm.physics.perception import SENSORS as sensors
+from swarm.physics.rewards import REWARDS as rewards
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies.strategies import FromObservation, Greedy, Random, Swinging
 
 # Loaded when they are first asked for: they need SciPy, xarray or time.
 _LAZY = {
-    "GriddedField": "physics.grids.gridded",
-    "GriddedFlow": "physics.grids.gridded",
     "Network": "policies.network",
     "Optimal": "optimal.physical_limit",
     "SpermSwarmVector": "envs.gymnasium",
@@ -62,11 +72,15 @@ __all__ = [
     "World",
     "__version__",
     "draw_starts",
+    "fields",
+    "flows",
     "limit",
     "load_policy",
     "parallel_env",
     "population_test",
+    "rewards",
     "save_policy",
+    "sensors",
 ]
 
 for _kind, _maker in (("parallel", "parallel_env"), ("aec", "env")):

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from swarm.physics.motion.swimmer import Pose
+from swarm.physics.motion.arc import Pose
 
 
 def array(xp, values, dtype=None):

@@ -9,7 +9,8 @@ from pathlib import Path
 import torch
 from safetensors.torch import load_file
 
-from trainers.settings.schema import LearningSettings, Settings, ValidationSettings, WorldSettings
+from trainers.settings.learning import DQNSettings
+from trainers.settings.schema import Settings, ValidationSettings
 from trainers.training import loop as training
 from trainers.training import run as running
 from trainers.training import run_folder as runs
@@ -39,8 +40,8 @@ def short_settings(recipe="swarm", world=None, learning=None, validation=None, *
     values = {"epochs": 6, "hidden": [6, 6]} | base | (learning or {})
     defaults = {"recipe": recipe, "checkpoint_every": 2, "tensorboard": False, "compile": "never", "seed": 3}
     return Settings(
-        world=WorldSettings(**({"life": 4.0} | (world or {}))),
-        learning=LearningSettings(**values),
+        world={"life": 4.0} | (world or {}),
+        learning=DQNSettings(**values),
         validation=ValidationSettings(**({"cells": 3, "life": 4.0, "every": 2} | (validation or {}))),
         **(defaults | changes),
     )

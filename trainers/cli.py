@@ -1,19 +1,82 @@
-"""The command `swarm`: train, evaluate, and what else is done from a shell. Heavy imports wait until they are
-needed.
+"""The command `swarm`: every command and its options, and the one place where an error becomes a line.
+
+Heavy imports wait until they are needed.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import os
 import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+
+from trainers.jobs.terminal import Progress, print_table
+
+if TYPE_CHECKING:
+    from trainers.settings.schema import Settings
+    from trainers.training.loop import Training
+    from trainers.training.run_folder import RunFolder
+
+SEVERAL, SHOW = ("-m", "--multirun"), "--show"
+RESUME, FOLDER = "resume=", "hydra.run.dir="
+
+# --- errors -------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def errors_as_lines() -> Iterator[None]:
+    """Within, what a user can do something about ends the command with a line and exit code 2."""
+    try:
+        yield
+    except (Exception, KeyboardInterrupt) as error:
+        line = line_of(error)
+        if line is None:
+            raise
+        print("swarm:", "; ".join([line, *getattr(error, "__notes__", ())]), file=sys.stderr)
+        raise typer.Exit(2) from None
+
+
+def line_of(error: BaseException) -> str | None:
+    """What is said of an error; None where the user can do nothing about it."""
+    from trainers.training.run_folder import RunError
+
+    match error:
+        case BrokenPipeError():  # nobody reads on
+            return None
+        case OSError() if error.strerror and error.filename:
+            return f"{error.strerror}: {error.filename}"
+        case MemoryError():
+            return "there was not enough memory"
+        case KeyboardInterrupt():
+            return str(error) or "stopped"
+        case ImportError():
+            return f"this needs a further package, chemoswarm[train] brings what training needs: {error}"
+        case OSError() | ValueError() | TypeError() | RunError():
+            return str(error)
+    return None
+
+
+class Commands(TyperGroup):
+    """All commands, whose errors become lines."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """As a group does."""
+        with errors_as_lines():
+            return super().invoke(ctx)
+
 
 app = typer.Typer(
     name="swarm",
+    cls=Commands,
     help="Learning to steer chemotactic microswimmers in crowds.",
     no_args_is_help=True,
     add_completion=False,
@@ -21,112 +84,210 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-
-def fail(error: BaseException | str) -> NoReturn:
-    """End with a message and exit code 2 where the user can do something about it."""
-    print(f"swarm: {error}", file=sys.stderr)
-    raise typer.Exit(2)
-
-
-def file_trouble(error: OSError) -> str:
-    """What went wrong with which file."""
-    return f"{error.strerror}: {error.filename}" if error.strerror and error.filename else str(error)
+# --- train --------------------------------------------------------------------------------------------------
 
 
 @app.command(
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     help="""Train a policy: `swarm train experiment=linear_n4 recipe=swarm seed=0 key=value …`
 
-    `hydra.run.dir=DIR` chooses the folder, `resume=DIR` goes on with a run, `-m` sweeps over values with
-    commas (`seed=0,1,2`), `--show` prints the settings and ends.""",
+    `algorithm=ppo` learns by PPO instead of DQN, `hydra.run.dir=DIR` chooses the folder, `resume=DIR` goes on
+    with a run, `-m` sweeps over values with commas (`seed=0,1,2`), `--show` prints the settings and ends.""",
 )
 def train(context: typer.Context) -> None:
     """Train a policy."""
-    from trainers.jobs import launch as launching
+    words = [word for word in context.args if word not in SEVERAL]
+    if len(words) < len(context.args):
+        from trainers.jobs.sweep import sweep
 
-    launching.train_from(context.args)
+        return sweep(words)
+    from trainers.settings.composition import settings_from
+
+    resumed = [word.removeprefix(RESUME) for word in words if word.startswith(RESUME)]
+    folders = [word.removeprefix(FOLDER) for word in words if word.startswith(FOLDER)]
+    plain = [word for word in words if word != SHOW and not word.startswith((RESUME, FOLDER))]
+    if resumed:
+        if plain or folders or len(resumed) > 1:
+            rule = "resume goes on with the settings stored in the run, nothing else may be given"
+            raise ValueError(f"{rule}, got {' '.join(words)}")
+        return resume(Path(resumed[0]))
+    settings = settings_from(plain)
+    if SHOW in words:
+        print(settings.as_yaml().rstrip())
+        return None
+    return begin(settings, Path(folders[-1]) if folders else None)
+
+
+def begin(settings: Settings, folder: Path | None = None) -> None:
+    """Train in a new folder."""
+    from swarm._support.files import check_new_folder
+    from trainers.training.run_folder import default_folder
+
+    folder = check_new_folder(folder or default_folder(settings))
+    print(settings.as_yaml().rstrip(), flush=True)
+    from trainers.training import run as running
+
+    _complete(*running.begin(folder, settings))
+
+
+def resume(folder: Path) -> None:
+    """Go on with a run."""
+    from trainers.settings.composition import settings_from_stored
+    from trainers.training.run_folder import RunFolder
+
+    run, stored = RunFolder.open(folder)
+    settings = settings_from_stored(stored)
+    if run.finished:
+        print(f"{folder} is finished after {settings.learning.epochs} epochs; nothing is left to learn")
+        return _test_after(settings, run)
+    from trainers.training import run as running
+
+    return _complete(*running.resume(folder))
+
+
+def _complete(training: Training, run: RunFolder) -> None:
+    """Train to the end, and test the kept policy where that is wanted."""
+    from trainers.training import run as running
+
+    epochs, started = training.settings.learning.epochs, time.perf_counter()
+    with Progress("training", epochs) as bar:
+
+        def report(training: Training, seconds: float) -> None:
+            text = f"epoch {training.epoch}/{epochs}  {running.standing(training)}{seconds:.2f} s/epoch"
+            bar.show(training.epoch, text=text)
+            if training.epoch == epochs:
+                bar.say(text)
+
+        running.complete(training, run, report=report)
+    print(f"trained in {time.perf_counter() - started:.1f} s; policy, metrics and figure are in {run.path}")
+    _test_after(training.settings, run)
+
+
+def _test_after(settings: Settings, run: RunFolder) -> None:
+    """Test the kept policy where that is wanted and was not done."""
+    folder, test = run.path / "evaluation", settings.evaluation
+    if settings.evaluate and not folder.exists():
+        evaluate(str(run.path), cells=test.cells, life=test.life, seed=test.seed, out=folder)
+
+
+# --- look at policies ---------------------------------------------------------------------------------------
+
+POLICY = "A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal"
+Experiment = Annotated[str | None, typer.Option(help="Whose world; default: the policy's own.")]
+Cells = Annotated[int | None, typer.Option(help="How many cells; default: as the policy's own, or 40.")]
+Life = Annotated[float | None, typer.Option(help="Length of a life, t_life; default: alike, or 80.")]
+Seed = Annotated[int, typer.Option(help="Seed of the starts.")]
+NewFolder = Annotated[Path | None, typer.Option(help="New folder for tables, results and figures.")]
+Noise = typer.Option(help="Strength of a perturbation; several draw gain against noise.", metavar="LEVEL,...")
+NoiseKind = typer.Option(help="What --noise perturbs: concentration (default), curvature or rotation.")
+Picture = typer.Option(help="A film (.mp4, .gif) or a page (.html); without: a window.")
+Size = typer.Option(help="Height of a film in pixels; default: 720, of a .gif 360.")
 
 
 @app.command()
 def evaluate(
-    policy: Annotated[
-        str,
-        typer.Argument(help="A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal."),
-    ],
-    experiment: Annotated[
-        str | None, typer.Option(help="World of the test; default: the policy's own.")
-    ] = None,
-    cells: Annotated[int | None, typer.Option(help="Test cells.")] = None,
-    life: Annotated[float | None, typer.Option(help="Length of a life, t_life.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the test population.")] = 0,
-    noise: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Strength of a perturbation; several (0,0.1,0.2) draw gain against noise.",
-            metavar="LEVEL,...",
-        ),
-    ] = None,
-    noise_kind: Annotated[
-        str | None,
-        typer.Option(help="What --noise perturbs: concentration (default), curvature or rotation."),
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="New folder for results and figures.")] = None,
+    policy: Annotated[str, typer.Argument(help=f"{POLICY}.")],
+    experiment: Experiment = None,
+    cells: Cells = None,
+    life: Life = None,
+    seed: Seed = 0,
+    noise: Annotated[list[str] | None, Noise] = None,
+    noise_kind: Annotated[str | None, NoiseKind] = None,
+    out: NewFolder = None,
 ) -> None:
     """Test a policy on fresh cells, next to greedy, swinging and the physical limit."""
-    from trainers import commands
+    from swarm._support import files
+    from swarm.figures.evaluation import save_evaluation, save_noise_sweep
+    from swarm.population import evaluation
+    from swarm.population import noise as noise_sweeps
+    from trainers.settings.composition import settings_of
 
-    commands.evaluate_from(
-        policy,
-        experiment=experiment,
-        cells=cells,
-        life=life,
-        seed=seed,
-        noise=noise or (),
-        kind=noise_kind,
-        out=out,
-    )
+    if out is not None:
+        files.check_new_folder(out)
+    levels, kind = _noise_levels(noise or (), noise_kind)
+    settings = settings_of(policy, experiment)
+    world, test = settings.test_world(), settings.evaluation
+    options: dict[str, Any] = {"cells": test.cells if cells is None else cells, "seed": seed}
+    options["life"] = test.life if life is None else life
+    if len(levels) > 1:
+        with Progress("levels of noise", len(levels)) as bar:
+            found = noise_sweeps.sweep_noise(policy, world, levels, kind=kind, progress=bar.show, **options)
+        print_table(found.table)
+        if out is not None:
+            save_noise_sweep(found, out)
+    else:
+        (world,) = noise_sweeps.check_levels(levels, kind, world) if levels else [world]
+        tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
+        print_table(tested.table)
+        limit = tested.summary["limit"]
+        said = "none is known for this world" if limit is None else f"{limit:.2f}, which no policy can exceed"
+        print(f"limit: {said}")
+        if out is not None:
+            save_evaluation(tested, out)
+    if out is not None:
+        print(f"results and figures are in {out}")
+
+
+def _noise_levels(words: Sequence[str], kind: str | None) -> tuple[list[float], str]:
+    """Levels of noise, rising, and their kind, from the words of `--noise`, with or without commas."""
+    if kind is not None and not words:
+        raise ValueError(f"--noise-kind must come with --noise, got {kind!r} alone")
+    try:
+        levels = [float(part.strip()) for word in words for part in word.split(",")]
+    except ValueError:
+        raise ValueError(f"--noise must be numbers, separated by commas, got {','.join(words)!r}") from None
+    return sorted(levels), kind or "concentration"
 
 
 @app.command()
 def compare(
     folders: Annotated[list[Path], typer.Argument(help="Folders of finished runs.", metavar="RUN RUN ...")],
-    cells: Annotated[int, typer.Option(help="Test cells.")] = 40,
-    seed: Annotated[int, typer.Option(help="Seed of the test population.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="New folder for the table and the figure.")] = None,
+    cells: Cells = None,
+    seed: Seed = 0,
+    out: NewFolder = None,
 ) -> None:
     """Put runs side by side, with intervals over seeds."""
-    from trainers import commands
+    from trainers.jobs import comparison
 
-    commands.compare_from(folders, cells, seed, out)
+    groups = comparison.compare(folders, cells=40 if cells is None else cells, seed=seed, out=out)
+    print_table(comparison.table(groups))
+    if out is not None:
+        print(f"table and figure are in {out}")
 
 
 @app.command()
 def watch(
-    policy: Annotated[
-        str,
-        typer.Argument(
-            help="A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal; "
-            "or a population.nc, for a page."
-        ),
-    ],
-    experiment: Annotated[
-        str | None, typer.Option(help="World to watch it in; default: the policy's own.")
-    ] = None,
-    cells: Annotated[int | None, typer.Option(help="How many cells; default: 40.")] = None,
-    life: Annotated[float | None, typer.Option(help="Length of a life, t_life; default: 80.")] = None,
+    policy: Annotated[str, typer.Argument(help=f"{POLICY}; or a population.nc, for a page.")],
+    experiment: Experiment = None,
+    cells: Cells = None,
+    life: Life = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the starts; default: 0.")] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="A film (.mp4, .gif) or a page (.html); without: a window."),
-    ] = None,
-    size: Annotated[
-        int | None, typer.Option(help="Height of a film in pixels; default: 720, of a .gif 360.")
-    ] = None,
+    out: Annotated[Path | None, Picture] = None,
+    size: Annotated[int | None, Size] = None,
 ) -> None:
     """Watch a policy steer a swarm."""
-    from trainers import commands
+    from swarm._support.checks import check_count
+    from swarm.figures import watch as watching
+    from trainers.settings.composition import settings_of
 
-    commands.watch_from(policy, experiment=experiment, cells=cells, life=life, seed=seed, out=out, size=size)
+    if Path(policy).suffix.lower() == watching.POPULATION:
+        given = {"--experiment": experiment, "--life": life, "--seed": seed, "--size": size}
+        for option, value in given.items():
+            if value is not None:
+                raise ValueError(f"{option} must be left out, {policy} holds lives as they were: got {value}")
+        chosen = None if cells is None else check_count("cells", cells)
+        watching.save_page_of(Path(policy), out, cells=chosen)
+    else:
+        watching.check_target(out, size)
+        world = settings_of(policy, experiment).test_world().replace(life=80.0 if life is None else life)
+        shown: dict[str, Any] = {"cells": 40 if cells is None else cells, "seed": seed or 0}
+        with Progress("drawing") as bar:
+            watching.watch(policy, world, out=out, size=size, progress=bar.show, **shown)
+    if out is not None:
+        print(f"written to {out}")
+
+
+# --- the paper, the interfaces ------------------------------------------------------------------------------
 
 
 @app.command()
@@ -135,22 +296,34 @@ def reproduce(
     quick: Annotated[bool, typer.Option(help="Test the shipped policies instead of training.")] = False,
     seeds: Annotated[int, typer.Option(help="Training seeds of every experiment.")] = 5,
     jobs: Annotated[int | None, typer.Option(help="Processes at once; default: 2, or 1 on one core.")] = None,
-    publish: Annotated[
-        Path | None, typer.Option(help="Folder for a copy of the report, without the training runs.")
-    ] = None,
+    publish: Annotated[Path | None, typer.Option(help="Folder for a copy without the runs.")] = None,
 ) -> None:
     """Reproduce every figure and table of the paper, with a verdict on each of its claims."""
-    from trainers import commands
+    from swarm._support.checks import check_count
+    from trainers.paper import reproduction
+    from trainers.paper.plan import Plan
 
-    commands.reproduce_from(out, quick, seeds, jobs, publish)
+    plan = Plan(quick=quick, n_seeds=check_count("--seeds", seeds))
+    if jobs is not None:
+        plan = dataclasses.replace(plan, workers=check_count("--jobs", jobs))
+    claims = reproduction.reproduce(plan, out, publish)
+    verdicts = Counter(claim.verdict for claim in claims)
+    print(f"{len(claims)} claims: " + ", ".join(f"{count} {name}" for name, count in verdicts.most_common()))
+    print(f"the report is {out / 'report.md'}")
 
 
 @app.command()
 def check() -> None:
     """Run every check of the environments' interfaces there is, warnings as errors."""
-    from trainers import commands
+    from swarm._support.tables import Table
+    from swarm.envs.conformance import run_checks
 
-    commands.check_from()
+    found = run_checks()
+    results = {True: "passed", False: "FAILED", None: "skipped"}
+    rows = [[each.name, results[each.passed], each.detail] for each in found]
+    print_table(Table(["check", "result", "detail"], rows))
+    if any(each.passed is False for each in found):
+        raise typer.Exit(1)
 
 
 def main() -> None:

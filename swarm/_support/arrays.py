@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from swarm._support.compiler import Functions, Pieces, compiling
+
 Array = Any
 
 
@@ -21,21 +23,14 @@ def namespace(array: Array) -> Any:
         from array_api_compat import torch as torch_namespace
 
         return torch_namespace
+    if isinstance(array, Pieces):
+        return Functions(namespace(array.pieces[0]))
     return array_namespace(array)
 
 
 def is_torch(array: Array) -> bool:
     """Whether `array` is torch's."""
     return type(array).__module__ == "torch"
-
-
-def compiling(array: Array) -> bool:
-    """Whether torch is compiling what is done to `array`."""
-    if isinstance(array, np.ndarray) or not is_torch(array):
-        return False
-    import torch
-
-    return torch.compiler.is_compiling()
 
 
 def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:
@@ -66,6 +61,13 @@ def look_up(table: Array, index: Array) -> Array:
         return xp.take(table, index, axis=-1)
     taken = xp.take(table, xp.reshape(index, (-1,)), axis=-1)
     return xp.reshape(taken, (*table.shape[:-1], *index.shape))
+
+
+def outer(table: Array, array: Array) -> Array:
+    """Products (rows, columns, ...) of the numbers of a table (rows, columns) with `array` (...)."""
+    if isinstance(table, Pieces):
+        return table * array
+    return namespace(table).reshape(table, (*table.shape, *(1,) * array.ndim)) * array
 
 
 def at_least(numbers: Array, bound: int) -> Array:

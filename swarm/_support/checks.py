@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
+import functools
 import math
 import numbers
 import operator
@@ -114,13 +116,33 @@ def check_box(name: str, value: Any) -> tuple[tuple[float, float], tuple[float, 
     return (left, right), (bottom, top)
 
 
-def settle(owner: Any, check: Callable[..., Any], name: str, **rules: Any) -> None:
-    """Checks the parameter `name` of a frozen dataclass and keeps what the check returns.
+def optional(check: Callable[..., Any]) -> Callable[..., Any]:
+    """The check of what may be None."""
+    return lambda name, value, **rules: None if value is None else check(name, value, **rules)
+
+
+def parameter(default: Any, check: Callable[..., Any], **rules: Any) -> Any:
+    """A field of a dataclass with its default and its rule: it holds what `check(name, value, **rules)`
+    returns, see `settle_all`."""
+    return dataclasses.field(default=default, metadata={"check": functools.partial(check, **rules)})
+
+
+def settle_all(owner: Any) -> None:
+    """Checks every `parameter` of a frozen dataclass, in their order, and keeps what the checks return.
 
     Plain floats matter: a NumPy scalar would turn float32 arrays into float64 ones and torch tensors into
     NumPy arrays.
     """
-    object.__setattr__(owner, name, check(name, getattr(owner, name), **rules))
+    for item in dataclasses.fields(owner):
+        if check := item.metadata.get("check"):
+            object.__setattr__(owner, item.name, check(item.name, getattr(owner, item.name)))
+
+
+class Checked:
+    """A frozen dataclass of `parameter`s, which are checked when it is made."""
+
+    def __post_init__(self) -> None:
+        settle_all(self)
 
 
 def check_cells(name: str, rule: str, value: Array, good: Array) -> None:

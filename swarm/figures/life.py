@@ -21,7 +21,8 @@ from swarm.figures.style import (
     look,
     styled,
 )
-from swarm.physics.motion.swimmer import Pose, swim
+from swarm.physics.motion.arc import Pose
+from swarm.physics.motion.collocation import swim
 from swarm.physics.world import World
 
 if TYPE_CHECKING:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from swarm._support import files
-from swarm._support.streams import generator
 from swarm.figures.film import FORMS, check_encoder, check_size, write_film
 from swarm.figures.viewer import Viewer
-from swarm.physics.starts import NOISE_BLOCK, draw_noise, draw_starts
+from swarm.physics.starts import draw_starts
 from swarm.physics.world import State, World
+from swarm.policies.policy import AnyPolicy
 from swarm.population.contest import population_test
 from swarm.population.evaluation import LEARNT, STRATEGIES, named_policy
+from swarm.population.rollout import rollout
 
 PAGE = ".html"
 WINDOW_FPS = 24  # pictures per second in a window
@@ -40,20 +40,9 @@ def check_target(out: Path | None, size: int | None = None) -> None:
         raise FileNotFoundError(f"the folder of {out} must be there")
 
 
-def states(world: World, policy: Any, cells: int, seed: int) -> Iterator[State]:
+def states(world: World, policy: AnyPolicy, cells: int, seed: int) -> Iterator[State]:
     """One population's life, decision by decision, with the random numbers of `population_test`."""
-    state = world.start(*draw_starts(world, cells, seed))
-    yield state
-    for decision in range(world.max_decisions):
-        block, place = divmod(decision, NOISE_BLOCK)
-        if place == 0:
-            uniform = generator("test", "policy", seed, 0, block).random((cells, NOISE_BLOCK))
-            noise = draw_noise(seed, cells, NOISE_BLOCK, block=block) if world.has_noise else None
-        action = policy.act(world, state, uniform[:, place])
-        state, _ = world.step(state, action, None if noise is None else noise[:, place])
-        yield state
-        if state.finished.all():
-            return
+    return (moment.state for moment in rollout(world, policy, draw_starts(world, cells, seed), seed))
 
 
 def watch(
@@ -117,7 +106,7 @@ def save_page_of(population: Path, out: Path | None, *, cells: int | None = None
 def _followed(
     viewer: Viewer,
     world: World,
-    policy: Any,
+    policy: AnyPolicy,
     cells: int,
     seed: int,
     frames: int,

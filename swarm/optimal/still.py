@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarm.optimal.problem import CUBIC, Problem, heading_angle, lagrange
-from swarm.physics.motion.swimmer import Pose, arc
+from swarm.physics.motion.arc import Pose, arc
 
 HEADINGS = 2048  # of the table the limit is read from
 KEPT_HEADINGS = 512  # of the tables for all times, which the policy looks ahead in

@@ -19,7 +19,7 @@ import numpy as np
 
 from swarm.optimal.problem import Problem, heading_angle
 from swarm.optimal.vortices import Grid, Progress, backward, commensurate_headings
-from swarm.physics.motion.swimmer import Pose
+from swarm.physics.motion.arc import Pose
 
 GRIDS = ((40, 32), (56, 64), (80, 96))  # places and, at least, headings: for the limit
 KEPT_PLACES = 40  # of the grid that the limit is kept on

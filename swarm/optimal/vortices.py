@@ -27,7 +27,8 @@ from typing import Any
 import numpy as np
 
 from swarm.optimal.problem import CUBIC, Problem, heading_angle, lagrange
-from swarm.physics.motion.swimmer import Pose, centre_of_curvature, swim
+from swarm.physics.motion.arc import Pose, centre_of_curvature
+from swarm.physics.motion.collocation import swim
 
 NODES = np.arange(-2, 3)  # the neighbours that a reading goes through while it builds a table
 DAMPING = 0.2  # of the shortest wave, per decision

@@ -1,80 +1,179 @@
-"""The parameters of a world, and every number that follows from them."""
+"""The parameters of a world, each with its rule, and every number that follows from them."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, Self
 
 import numpy as np
 
-from swarm._support.checks import check_name, check_point
-from swarm.physics import parameter_checks
-from swarm.physics.fields import DiffusingSource, Field, GaussianPlume, LinearField, RadialField
-from swarm.physics.flows import Flow, PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, UniformFlow, Vortex
-from swarm.physics.motion import swimmer
+from swarm._support.checks import (
+    check_box,
+    check_count,
+    check_flag,
+    check_function,
+    check_methods,
+    check_name,
+    check_number,
+    check_point,
+    parameter,
+    settle_all,
+)
+from swarm.physics.fields import FIELDS, Field
+from swarm.physics.flows import FLOWS, Flow, StillWater
+from swarm.physics.motion import clock
+from swarm.physics.motion.clock import Clock
+from swarm.physics.motion.collocation import Collocation
+from swarm.physics.motion.swimmer import Swimmer
+from swarm.physics.perception import SENSORS, MemoryWithFlow, Sensor, check_sensor
+from swarm.physics.rewards import REWARDS, Reward, check_reward
 
 Array = Any
 
-FIELDS: dict[str, type] = {
-    "linear": LinearField,
-    "radial": RadialField,
-    "gaussian_plume": GaussianPlume,
-    "diffusing_source": DiffusingSource,
-}
-FLOWS: dict[str, type] = {
-    "still": StillWater,
-    "taylor_green": TaylorGreen,
-    "uniform": UniformFlow,
-    "shear": ShearFlow,
-    "poiseuille": PoiseuilleFlow,
-    "vortex": Vortex,
-}
 DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
+
+
+# --- rules ------------------------------------------------------------------------------------------------
+
+
+def _check_field(name: str, value: Any) -> Field:
+    field = FIELDS.make(value)
+    check_methods(name, field, ["concentration"], ["gradient_scale"])
+    check_number(f"{name}.gradient_scale", field.gradient_scale, above=0.0)
+    _check_options(name, field)
+    return field
+
+
+def _check_flow(name: str, value: Any) -> Flow:
+    flow = FLOWS.make(value)
+    check_methods(name, flow, ["velocity", "spin"], ["speed_scale", "spin_scale"])
+    for scale in ("speed_scale", "spin_scale"):
+        check_number(f"{name}.{scale}", getattr(flow, scale), at_least=0.0)
+    _check_options(name, flow)
+    return flow
+
+
+def _check_options(name: str, part: Any) -> None:
+    """Checks what a field or a flow need not have."""
+    bounds = ("max_gradient", "max_speed", "max_spin", "max_shear")
+    for option in (*bounds, "period", "egg_radius"):
+        if getattr(part, option, None) is not None:
+            rule = {"at_least" if option in bounds else "above": 0.0}
+            check_number(f"{name}.{option}", getattr(part, option), **rule)
+    if getattr(part, "egg_radius", None) is not None:
+        check_point(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
+    for option, check in (("box", check_box), ("inside", check_function)):
+        if getattr(part, option, None) is not None:
+            check(f"{name}.{option}", getattr(part, option))
+
+
+def _check_start_box(name: str, value: Any) -> Any:
+    return None if value is None else check_box(name, value)
+
+
+def _check_curvatures(name: str, values: Any) -> tuple[float, ...]:
+    try:
+        curvatures = tuple(check_number(name, value) for value in values)
+    except TypeError:
+        raise TypeError(f"{name} must be two or more numbers, got {values!r}") from None
+    if len(curvatures) < 2:
+        raise ValueError(f"{name} must be two or more numbers, got {values!r}")
+    steps = np.diff(curvatures)
+    if curvatures[0] <= 0 or np.any(steps <= 1e-9 * curvatures[-1]):
+        raise ValueError(f"{name} must rise and be positive, got {curvatures}")
+    if np.ptp(steps) > 1e-9 * steps[0]:
+        raise ValueError(f"{name} must be evenly spaced, got {curvatures}")
+    return curvatures
+
+
+def _check_speeds(name: str, values: Any) -> tuple[float, float]:
+    rule = f"{name} must be two positive numbers, got {values!r}"
+    try:
+        first, last = (check_number(name, value, above=0.0) for value in values)
+    except TypeError:
+        raise TypeError(rule) from None
+    except ValueError:
+        raise ValueError(rule) from None
+    return first, last
+
+
+def _check_sensor(name: str, value: Any) -> Any:
+    return None if value is None else check_sensor(name, SENSORS.make(value))
+
+
+def _check_reward(name: str, value: Any) -> Reward:
+    return check_reward(name, REWARDS.make(value))
+
+
+# --- parameters and what follows from them ----------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Parameters:
     """Parameters of a world; the paper's values are the defaults. They check themselves when made.
 
+    A field, a flow, a sensor or a reward is an object, its name, or `{"type": name, parameter: value, …}`.
     Raises TypeError or ValueError that names the parameter, the rule and the value.
     """
 
-    n_records: int = 4  # N_T, records a cell keeps
-    field: Field = dataclasses.field(default_factory=LinearField)  # or a name of `FIELDS`
-    flow: Flow = dataclasses.field(default_factory=StillWater)  # or a name of `FLOWS`
-    sense_flow: bool = False  # records carry the flow's velocity and spin too
-    varying_speed: bool = False  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
-    life: float = 80.0  # t_life [time], paper table 1
-    start_box: tuple[tuple[float, float], tuple[float, float]] | None = None  # ((x, x), (y, y)), see `box`
-    curvatures: tuple[float, ...] = (3.0, 5.0)  # κ₁ … κ_m, evenly spaced [1 / length], paper table 1
-    speed: float = 1.0  # v [length / time], paper table 1
-    speeds: tuple[float, float] = (1.1, 0.9)  # v₁, v₂, paper table 1
-    time_step: float = 0.02  # Δt, the tick that intervals are rounded down to [time], paper table 1
-    interval_rule: str = "truncated"  # ΔT = int(T/(N_T Δt)) Δt, or "exact": T/N_T
-    concentration_noise: float = 0.0  # standard deviation of a record's concentration [concentration]
-    curvature_noise: float = 0.0  # standard deviation of the curvature swum during an interval [1 / length]
-    rotational_diffusion: float = 0.0  # D of the heading: variance 2 D ΔT per interval [rad² / time]
+    n_records: int = parameter(4, check_count, at_least=2)  # N_T, records a cell keeps
+    field: Field = parameter("linear", _check_field)
+    flow: Flow = parameter("still", _check_flow)
+    sense_flow: bool = parameter(False, check_flag)  # short for sensor="memory_with_flow"
+    varying_speed: bool = parameter(False, check_flag)  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
+    life: float = parameter(80.0, check_number, above=0.0)  # t_life [time], paper table 1
+    start_box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, _check_start_box)
+    curvatures: tuple[float, ...] = parameter((3.0, 5.0), _check_curvatures)  # κ₁ … κ_m [1 / length], table 1
+    speed: float = parameter(1.0, check_number, above=0.0)  # v [length / time], paper table 1
+    speeds: tuple[float, float] = parameter((1.1, 0.9), _check_speeds)  # v₁, v₂, paper table 1
+    time_step: float = parameter(0.02, check_number, above=0.0)  # Δt, tick of the clock [time], paper table 1
+    interval_rule: str = parameter("truncated", check_name, known=clock.RULES)  # ΔT, see `Clock`
+    # standard deviation of a record's concentration [concentration], and of the curvature swum during an
+    # interval [1 / length]; D of the heading, whose variance is 2 D ΔT per interval [rad² / time]
+    concentration_noise: float = parameter(0.0, check_number, at_least=0.0)
+    curvature_noise: float = parameter(0.0, check_number, at_least=0.0)
+    rotational_diffusion: float = parameter(0.0, check_number, at_least=0.0)
+    sensor: Sensor = parameter(None, _check_sensor)  # what a record holds; None: as `sense_flow` says
+    reward: Reward = parameter("own", _check_reward)
 
     def __post_init__(self) -> None:
-        for name, known in (("field", FIELDS), ("flow", FLOWS)):
-            value = getattr(self, name)
-            if isinstance(value, str):
-                object.__setattr__(self, name, known[check_name(name, value, known)]())
-        for name, value in parameter_checks.checked(self).items():
-            object.__setattr__(self, name, value)
-        parameter_checks.check_together(self)
-        parameter_checks.check_times(self)
-        if self.in_flow:
-            _ = self.scheme  # raises where the flow varies too fast
+        settle_all(self)
+        if self.sensor is None:
+            object.__setattr__(self, "sensor", SENSORS["memory_with_flow" if self.sense_flow else "memory"]())
+        senses_flow = isinstance(self.sensor, MemoryWithFlow)
+        if self.sense_flow and not senses_flow:
+            raise ValueError(f"sense_flow must go with the sensor memory_with_flow, got {self.sensor!r}")
+        object.__setattr__(self, "sense_flow", senses_flow)
+        units: set[Any] = {getattr(part, "length_unit", None) for part in (self.field, self.flow)} - {None}
+        if len(units) > 1:
+            raise ValueError(f"field and flow must have positions in the same unit, got {sorted(units)}")
+        if hasattr(self.sensor, "check"):
+            self.sensor.check(self)
+        rates = tuple(self.mean_curvature * speed for speed in self.action_speeds)
+        if not all(1e-9 < rate < 1e9 for rate in rates):
+            raise ValueError(
+                f"mean curvature × speed must lie between 1e-9 and 1e9 rad per time, got {rates}"
+            )
+        _ = self.swimmer  # raises where intervals cannot be counted or the flow varies too fast
+
+    @classmethod
+    def defaults(cls) -> dict[str, Any]:
+        """Names and defaults of all parameters, in their order."""
+        return {item.name: item.default for item in dataclasses.fields(cls)}
 
     def replace(self, **changes: Any) -> Self:
         """A copy with other parameters, checked again."""
-        unknown = set(changes) - {item.name for item in dataclasses.fields(self)}
-        if unknown:
-            check_name("parameter", unknown.pop(), [item.name for item in dataclasses.fields(self)])
+        for name in changes:
+            check_name("parameter", name, self.defaults())
+        if "sense_flow" in changes:  # one of these follows from the other
+            changes.setdefault("sensor", None)
+        elif "sensor" in changes:
+            changes["sense_flow"] = False
         return dataclasses.replace(self, **changes)
 
     @cached_property
@@ -96,10 +195,10 @@ class Parameters:
             return box
         return DEFAULT_BOX if period is None else ((0.0, float(period)), (0.0, float(period)))
 
-    @property
+    @cached_property
     def features(self) -> int:
-        """Numbers in a record: 2, or 5 with the flow sensed."""
-        return 5 if self.sense_flow else 2
+        """Numbers in a record."""
+        return len(self.sensor.names)
 
     @property
     def observation_size(self) -> int:
@@ -124,39 +223,22 @@ class Parameters:
         return tuple(2 * math.pi / (self.mean_curvature * speed) for speed in self.action_speeds)
 
     @cached_property
-    def has_common_tick(self) -> bool:
-        """Whether all intervals are whole numbers of one tick."""
-        return self.interval_rule == "truncated" or len(set(self.action_speeds)) == 1
+    def clock(self) -> Clock:
+        """When cells decide, and how long they live."""
+        return Clock(self.periods, self.n_records, self.life, self.time_step, self.interval_rule)
+
+    has_common_tick = property(attrgetter("clock.has_common_tick"))
+    tick = property(attrgetter("clock.tick"))
+    interval_ticks = property(attrgetter("clock.interval_ticks"))
+    intervals = property(attrgetter("clock.intervals"))
+    life_ticks = property(attrgetter("clock.life_ticks"))
+    max_decisions = property(attrgetter("clock.max_decisions"))
 
     @cached_property
-    def tick(self) -> float:
-        """Unit of the clock [time]: Δt, or one decision where intervals are exact."""
-        return self.time_step if self.interval_rule == "truncated" else self.periods[0] / self.n_records
-
-    @cached_property
-    def interval_ticks(self) -> tuple[int, ...]:
-        """Ticks of a decision with each action. Paper: ΔT is rounded down to whole integration steps."""
-        if self.interval_rule == "exact":
-            return (1,) * self.n_actions
-        # the small number keeps a quotient that is whole but for rounding
-        return tuple(int(period / (self.n_records * self.time_step) + 1e-9) for period in self.periods)
-
-    @property
-    def intervals(self) -> tuple[float, ...]:
-        """ΔT with each action [time]."""
-        if self.interval_rule == "exact":
-            return tuple(period / self.n_records for period in self.periods)
-        return tuple(ticks * self.time_step for ticks in self.interval_ticks)
-
-    @cached_property
-    def life_ticks(self) -> int:
-        """Ticks of a life; the last one may be cut short."""
-        return max(1, math.ceil(self.life / self.tick - 1e-9))
-
-    @property
-    def max_decisions(self) -> int:
-        """The most decisions a life can take."""
-        return max(1, math.ceil(self.life / min(self.intervals) - 1e-9))
+    def swimmer(self) -> Swimmer:
+        """What each action does."""
+        scheme = self.scheme if self.in_flow else None
+        return Swimmer(self.curvatures, self.action_speeds, self.clock, self.flow, scheme)
 
     @cached_property
     def has_noise(self) -> bool:
@@ -194,41 +276,22 @@ class Parameters:
         return tuple(inside for inside in parts if inside is not None)
 
     @cached_property
-    def scheme(self) -> swimmer.Collocation:
+    def scheme(self) -> Collocation:
         """How an interval in the flow is integrated."""
-        duration = max(self.intervals)
-        lengths = [
-            speed * interval for speed, interval in zip(self.action_speeds, self.intervals, strict=True)
-        ]
+        lengths = [speed * time for speed, time in zip(self.action_speeds, self.intervals, strict=True)]
         turns = [kappa * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
         spacing = self.time_step if self.egg is not None else None
-        return swimmer.Collocation.for_interval(self.flow, max(turns), max(lengths), duration, spacing)
+        return Collocation.for_interval(self.flow, max(turns), max(lengths), max(self.intervals), spacing)
 
     @property
     def observation_bounds(self) -> np.ndarray:
         """Bounds b (observation_size,) float32 with −b <= observation <= b."""
-        largest = float(np.finfo(np.float32).max)
-        gradient = getattr(self.field, "max_gradient", None)
-        current = getattr(self.flow, "max_speed", None)
-        if gradient is None or current is None or self.concentration_noise > 0:
-            reach = largest
-        else:  # a record differs from the mean by less than the path between the first and the last record
-            steps = [
-                (speed + current) * dt for speed, dt in zip(self.action_speeds, self.intervals, strict=True)
-            ]
-            reach = 1.001 * (self.n_records - 1) * max(steps) * gradient * self.record_scale + 1e-3
-        spin = getattr(self.flow, "max_spin", None)
-        scales = (
-            (current, self.flow.speed_scale),
-            (current, self.flow.speed_scale),
-            (spin, self.flow.spin_scale),
-        )
-        sensed = [
-            largest if bound is None or scale == 0 else 1.001 * bound / scale + 1e-6
-            for bound, scale in scales
-        ]
-        return np.tile(np.array([reach, 1.001, *sensed][: self.features], np.float32), self.n_records)
+        bounds: Sequence[float] = self.sensor.bounds(self)
+        if len(bounds) != self.features:
+            rule = f"sensor.bounds must be a number for each of {', '.join(self.sensor.names)}"
+            raise ValueError(f"{rule}, got {bounds}")
+        return np.tile(np.array(bounds, np.float32), self.n_records)
 
     def normal_curvature(self, curvature: Array) -> Array:
         """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""
-        return (curvature - self.mean_curvature) * (2 / (self.curvatures[-1] - self.curvatures[0]))
+        return self.swimmer.normal_curvature(curvature)

@@ -1,36 +1,148 @@
-"""Perception: the memory of records, its normalisation, and the reward that is computed from it.
+"""Perception: what a cell senses, the memory of its records, and their normalisation.
 
-A record holds what a cell knows of one moment, already in the paper's dimensionless units but for the mean of
-the concentrations, which changes with every decision: c κ̄/c_k, κ* and, where the flow is sensed, u_x*, u_y*,
-ω₀*. Memory is (..., cells, N_T, features), newest record first.
+A record holds what a cell knows of one moment, in the paper's dimensionless units but for the mean of the
+concentrations, which changes with every decision. Memory is (..., cells, N_T, features), newest record first.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
 
 from swarm._support.arrays import is_torch, join, namespace
+from swarm._support.registry import Registry
+from swarm.physics.motion.arc import components
+from swarm.physics.motion.collocation import velocity_and_spin
 
 Array = Any
+World = Any  # a `swarm.World`, which has a sensor
+
+LARGEST = float(np.finfo(np.float32).max)
+SENSORS = Registry("sensor", "chemoswarm.sensors")
 
 
-def record(
-    concentration: Array, curvature: Array, flow: tuple[Array, ...], scale: float
-) -> tuple[Array, ...]:
-    """The numbers of a record from c and the normalised κ*, u_x*, u_y*, ω₀*, all (...).
+class Situation(NamedTuple):
+    """Where cells are when they take a record, and what the world finds there for them."""
 
-    `flow` may be empty; `scale` is κ̄/c_k.
+    position: Array  # (..., cells, 2) [length]
+    heading: Array  # (..., cells, 2) unit vector
+    concentration: Array  # (..., cells) with its noise [concentration]
+    curvature: Array  # (..., cells) κ*, chosen for the interval that ends here
+    finished: Array  # (..., cells) bool: the life was over before
+
+
+@runtime_checkable
+class Sensor(Protocol):
+    """What the world asks of a sensor.
+
+    Used when there: `needs_time = True`, and `check(world)`, which raises ValueError where the sensor does
+    not fit a world.
     """
-    return concentration * scale, curvature, *flow
+
+    @property
+    def name(self) -> str:
+        """What policies' cards call it."""
+        ...
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Of the numbers in a record; first those of `Memory`, which strategies and rewards read."""
+        ...
+
+    def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
+        """The numbers (..., cells) of a record, as many as `names`.
+
+        `time` (..., cells) is the cells' own; None without `needs_time`, which spares its computation.
+        """
+        ...
+
+    def bounds(self, world: World) -> Sequence[float]:
+        """Bounds b of what is observed of each number: −b <= observation <= b; float32's largest where there
+        is none."""
+        ...
 
 
-def memory_of(records: list[tuple[Array, ...]]) -> Array:
+@SENSORS.register("memory")
+@dataclass(frozen=True)
+class Memory:
+    """Concentration and curvature: c κ̄/c_k, observed as its deviation from the mean of the memory, and κ*."""
+
+    name = "memory"
+    names: ClassVar[tuple[str, ...]] = ("concentration", "curvature")
+
+    def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
+        """c κ̄/c_k and κ*."""
+        return situation.concentration * world.record_scale, situation.curvature
+
+    def bounds(self, world: World) -> Sequence[float]:
+        """A record differs from the mean by less than the path between the first and the last record."""
+        gradient = getattr(world.field, "max_gradient", None)
+        current = getattr(world.flow, "max_speed", None)
+        if gradient is None or current is None or world.concentration_noise > 0:
+            return LARGEST, 1.001
+        pairs = zip(world.action_speeds, world.intervals, strict=True)
+        longest = max((speed + current) * interval for speed, interval in pairs)
+        return 1.001 * (world.n_records - 1) * longest * gradient * world.record_scale + 1e-3, 1.001
+
+
+@SENSORS.register("memory_with_flow")
+@dataclass(frozen=True)
+class MemoryWithFlow(Memory):
+    """Concentration, curvature and the flow: u_x/u₀, u_y/u₀ and ω₀ by its scale besides."""
+
+    name = "memory_with_flow"
+    names: ClassVar[tuple[str, ...]] = (*Memory.names, "flow_x", "flow_y", "spin")
+
+    def check(self, world: World) -> None:
+        """Raises ValueError where the flow has nothing to normalise by."""
+        if not (world.flow.speed_scale > 0 and world.flow.spin_scale > 0):
+            raise ValueError(
+                "sense_flow needs a flow with speed_scale and spin_scale above 0 to normalise by, "
+                f"got speed_scale {world.flow.speed_scale:g} and spin_scale {world.flow.spin_scale:g}"
+            )
+
+    def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
+        """c κ̄/c_k, κ*, u_x*, u_y*, ω₀*."""
+        flow = world.flow
+        x, y, spin = velocity_and_spin(flow, *components(situation.position))
+        sensed = x / flow.speed_scale, y / flow.speed_scale, spin / flow.spin_scale
+        return *super().record(world, time, situation), *sensed
+
+    def bounds(self, world: World) -> Sequence[float]:
+        """The flow's own bounds."""
+        flow = world.flow
+        speed, spin = (
+            LARGEST if bound is None else 1.001 * bound / scale + 1e-6
+            for bound, scale in (
+                (getattr(flow, "max_speed", None), flow.speed_scale),
+                (getattr(flow, "max_spin", None), flow.spin_scale),
+            )
+        )
+        return *super().bounds(world), speed, speed, spin
+
+
+def check_sensor(name: str, sensor: Any) -> Sensor:
+    """Return `sensor`; raises TypeError or ValueError unless it can be asked for records."""
+    if isinstance(sensor, type) or not isinstance(sensor, Sensor):
+        rule = f"{name} must be an object with name, names, record(world, time, situation) and bounds(world)"
+        raise TypeError(f"{rule}, or one of {', '.join(sorted(SENSORS))}, got {sensor!r}")
+    names = sensor.names
+    if tuple(names[:2]) != Memory.names or len(set(names)) != len(names):
+        rule = f"{name}.names must be {', '.join(Memory.names)} and further ones, each once"
+        raise ValueError(f"{rule}, got {', '.join(map(str, names))}")
+    return sensor
+
+
+def memory_of(records: list[Sequence[Array]]) -> Array:
     """Memory (..., N_T, features) of records, newest first."""
     memory = join(*(number for numbers in records for number in numbers))
     return namespace(memory).reshape(memory, (*memory.shape[:-1], len(records), len(records[0])))
 
 
-def renew(memory: Array, newest: tuple[Array, ...]) -> tuple[Array, Array]:
+def renew(memory: Array, newest: Sequence[Array]) -> tuple[Array, Array]:
     """Memory with a record more and the oldest dropped, and the observation of it."""
     if not is_torch(memory):
         memory = remember(memory, join(*newest))

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from swarm._support import streams
 from swarm._support.checks import check_count
+from swarm.physics.world import World
 
-if TYPE_CHECKING:
-    from swarm.physics.world import World
-
-NOISE_BLOCK = 64  # decisions whose noise is drawn at once, everywhere
+NOISE_BLOCK = 64  # decisions whose random numbers are drawn at once, everywhere
 _ATTEMPTS = 1000
 
 
@@ -63,6 +63,83 @@ def draw_noise(
     """Standard normal numbers (cells, decisions, 3) for the world's perturbations, one block of decisions at
     a time."""
     return streams.generator(population, "noise", seed, episode, block).standard_normal((cells, decisions, 3))
+
+
+def draw_chance(
+    seed: int,
+    cells: int,
+    decisions: int,
+    *,
+    population: streams.Population = "test",
+    episode: int = 0,
+    block: int = 0,
+) -> np.ndarray:
+    """Numbers (cells, decisions) in [0, 1) for policies that leave something to chance, block by block."""
+    return streams.generator(population, "policy", seed, episode, block).random((cells, decisions))
+
+
+class Draws:
+    """The random numbers of every decision, drawn by `draw_noise` or `draw_chance` a block at a time.
+
+    Cells are (groups, ...): those of a group live in step, and the groups are shared out evenly among the
+    `seeds`, whose rows they take one after the other. Numbers depend on nothing but what is asked for, so
+    copies of whoever asks may share them. `place` takes a whole block to where it is needed, a device for
+    instance.
+    """
+
+    def __init__(
+        self,
+        draw: Callable[..., np.ndarray],
+        cells: tuple[int, ...],
+        seeds: Sequence[int],
+        *,
+        population: streams.Population = "test",
+        dtype: Any = np.float64,
+        place: Callable[[np.ndarray], Any] = np.asarray,
+    ) -> None:
+        self._draw, self._population, self._dtype, self._place = draw, population, dtype, place
+        self._cells, self._seeds = cells, tuple(seeds)
+        groups = cells[0] // len(self._seeds)  # of each seed
+        self._seed, self._group = np.divmod(np.arange(cells[0]), groups)
+        self._keys = np.full((cells[0], 3), -1)  # seed, episode and block of the numbers that are at hand
+        self._numbers = np.empty(0)
+        self._placed: Any = None
+
+    def at(self, episode: np.ndarray | int, decision: np.ndarray | int) -> Any:
+        """Numbers (groups, ..., k) of each group's `decision` (groups,) in its `episode` (groups,)."""
+        block, turn = np.divmod(np.broadcast_to(decision, self._seed.shape), NOISE_BLOCK)
+        keys = np.stack(np.broadcast_arrays(self._seed, episode, block), axis=-1)
+        stale = (keys != self._keys).any(axis=-1)
+        if stale.any():
+            self._refill(keys, stale)
+        within = (slice(None),) * (len(self._cells) - 1)
+        if (turn == turn[0]).all():
+            return self._placed[(slice(None), *within, int(turn[0]))]
+        return self._placed[(np.arange(len(turn)), *within, turn)]
+
+    def _refill(self, keys: np.ndarray, stale: np.ndarray) -> None:
+        wanted = np.unique(keys[stale], axis=0).tolist()
+        count = self._cells[0] // len(self._seeds)
+        numbers = None if stale.all() else self._numbers.copy()
+        for seed, episode, block in wanted:
+            drawn = self._draw(
+                self._seeds[seed],
+                count * math.prod(self._cells[1:]),
+                NOISE_BLOCK,
+                population=self._population,
+                episode=episode,
+                block=block,
+            )
+            drawn = drawn.reshape(count, *self._cells[1:], *drawn.shape[1:]).astype(self._dtype, copy=False)
+            if len(wanted) == 1 and numbers is None:  # all groups are in it: nothing is copied
+                numbers = drawn
+                break
+            if numbers is None:
+                numbers = np.empty((self._cells[0], *drawn.shape[1:]), self._dtype)
+            here = (keys == (seed, episode, block)).all(axis=-1)
+            numbers[here] = drawn[self._group[here]]
+        assert numbers is not None
+        self._numbers, self._placed, self._keys = numbers, self._place(numbers), keys
 
 
 def _draw_poses(world: World, cells: int, generator: np.random.Generator) -> np.ndarray:

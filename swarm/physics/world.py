@@ -6,23 +6,20 @@ axes (..., cells) work alike. Randomness comes in as arrays.
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarm._support.arrays import as_array, compiling, join, look_up, namespace, nowhere
+from swarm._support.arrays import as_array, join, look_up, namespace, nowhere
 from swarm._support.checks import check_cells
-from swarm._support.pieces import in_pieces
 from swarm.physics import perception
-from swarm.physics.motion import intervals, swimmer
-from swarm.physics.motion.intervals import Tables
-from swarm.physics.motion.swimmer import Motion, Pose
-from swarm.physics.parameters import FIELDS, FLOWS, Parameters
-
-__all__ = ["FIELDS", "FLOWS", "Outcome", "State", "World"]
+from swarm.physics.motion.arc import Pose, closest_approach, components, turned, unit
+from swarm.physics.motion.swimmer import Interval
+from swarm.physics.parameters import Parameters
+from swarm.physics.perception import Situation
 
 Array = Any
 
@@ -49,7 +46,7 @@ class Outcome(NamedTuple):
     """What one decision led to."""
 
     observation: Array  # (..., cells, N_T · features) float32
-    reward: Array  # (..., cells) change of the memory's mean concentration, normalised
+    reward: Array  # (..., cells) as the world's `reward` has it
     terminated: Array  # (..., cells) bool: reached the egg
     truncated: Array  # (..., cells) bool: out of time, or left the domain
     gain: Array  # (..., cells) c(t) − c(0) [concentration]
@@ -60,21 +57,6 @@ class World(Parameters):
     """A world of cells: its [parameters][swarm.physics.parameters.Parameters], where lives start, and
     what a decision does.
     """
-
-    @cached_property
-    def _cached_tables(self) -> dict[Any, Tables]:
-        return {}
-
-    def tables(self, like: Array) -> Tables:
-        """What a decision does, in the array library, dtype and device of `like`."""
-        cacheable = type(like).__module__ in ("numpy", "torch")  # a jax tracer must not outlive its trace
-        key = (type(like).__module__, like.dtype, str(like.device)) if cacheable else None
-        tables = self._cached_tables.get(key)
-        if tables is None:
-            tables = intervals.make_tables(self, like)
-            if cacheable:
-                self._cached_tables[key] = tables
-        return tables
 
     def start(self, position: Array, heading: Array, past: Array) -> State:
         """The state at t = 0 with a memory full of true records.
@@ -87,41 +69,31 @@ class World(Parameters):
         """
         xp = namespace(position)
         self._check_start(position, heading, past)
-        position = join(*swimmer.components(position))
+        position = join(*components(position))
         heading = join(xp.cos(heading), xp.sin(heading))
-        dtype = position.dtype
-        by_action = [
-            as_array(np.asarray(values), position, dtype=dtype)
-            for values in (self.curvatures, self.action_speeds, self.intervals)
-        ]
-        pose = Pose(position, heading)
-        records = []
-        for i in range(self.n_records):
-            curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
-            records.append(self._record(pose.position, self.normal_curvature(curvature)))
-            if i < self.n_records - 1:
-                pose = self._swim_back(pose, curvature, speed, interval)
         concentration = self.field.concentration(position)
         check_cells("position", "have a finite concentration", position, xp.isfinite(concentration))
-        counters = () if self.has_common_tick else (self.n_actions,)
+        finished = as_array(np.zeros(position.shape[:-1]), position, dtype=xp.bool)
+        count = self.clock.start(finished)  # of the past too, which is swum as at t = 0
+        by_action = [
+            as_array(np.asarray(values), position)
+            for values in (self.curvatures, self.action_speeds, self.intervals)
+        ]
+        pose, records = Pose(position, heading), []
+        for i in range(self.n_records):
+            curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
+            sensed = self.field.concentration(pose.position)
+            records.append(self._record(pose, sensed, self.normal_curvature(curvature), finished, count))
+            if i < self.n_records - 1:
+                pose = self.swimmer.swim_back(pose, curvature, speed, interval)
         return State(
             position=position,
             heading=heading,
             memory=perception.memory_of(records),
-            clock=as_array(np.zeros((*position.shape[:-1], *counters)), position, dtype=xp.int32),
+            clock=count,
             start_concentration=concentration,
-            finished=as_array(np.zeros(position.shape[:-1]), position, dtype=xp.bool),
+            finished=finished,
         )
-
-    def _swim_back(self, pose: Pose, curvature: Array, speed: Array, interval: Array) -> Pose:
-        """The pose one interval before, by the scheme of the world: it must not depend on which cells there
-        are."""
-        if not self.in_flow:
-            return swimmer.along_arc(pose, swimmer.arc(curvature, speed, -interval))
-        scheme = dataclasses.replace(self.scheme, outputs=0)
-        motions = scheme.motions(curvature, speed, -interval)
-        weights = as_array(scheme.weights, interval)
-        return scheme.swim(pose, motions, speed, -interval, weights, self.flow)[0]
 
     def _check_start(self, position: Array, heading: Array, past: Array) -> None:
         xp = namespace(position)
@@ -154,55 +126,35 @@ class World(Parameters):
         `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed
         when a perturbation is on. Pure: `state` is left as it was.
         """
-        position, _, memory, clock, start_concentration, was_finished = state
-        xp = namespace(position)
-        needed = (*was_finished.shape, NOISE_CHANNELS)
+        needed = (*state.finished.shape, NOISE_CHANNELS)
         if self.has_noise and (noise is None or noise.shape != needed):
             raise ValueError(
                 f"noise must be standard normal numbers {needed}, because the world has perturbations, "
                 f"got {None if noise is None else tuple(noise.shape)}"
             )
-        clock, motion, duration, speed, normal_curvature = intervals.next_interval(self, state, action, noise)
-        pose, path = self._swim(state.pose, motion, speed, duration)
+        over = state.finished if self._ends_early or not self.has_common_tick else None
+        kick = self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
+        interval = self.swimmer.next_interval(state.clock, action, over, kick, state.position)
+        pose, path = self.swimmer.swim(state.pose, interval)
         if self.rotational_diffusion > 0:
-            kick = noise[..., 2] * (2 * self.rotational_diffusion * duration) ** 0.5
-            heading = swimmer.turned(swimmer.components(pose.heading), xp.cos(kick), xp.sin(kick))
-            pose = Pose(pose.position, swimmer.unit(*heading))
-        concentration = self.field.concentration(pose.position)
-        sensed = concentration
+            xp = namespace(noise)
+            turn = noise[..., 2] * (2 * self.rotational_diffusion * interval.length) ** 0.5
+            pose = Pose(pose.position, unit(*turned(components(pose.heading), xp.cos(turn), xp.sin(turn))))
+        concentration = sensed = self.field.concentration(pose.position)
         if self.concentration_noise > 0:
             sensed = concentration + self.concentration_noise * noise[..., 0]
-        newest = self._record(pose.position, normal_curvature, sensed)
-        reward = (newest[0] - memory[..., -1, 0]) * self.reward_scale
-        memory, observation = perception.renew(memory, newest)
-        truncated = finished = intervals.time_is_up(self, clock)
-        terminated = nowhere(finished)
-        if self.domains:
-            for inside in self.domains:
-                truncated = truncated | ~inside(pose.position)
-            finished = truncated
-        if self.egg is not None:
-            terminated = self._arrived(state, pose, action, noise, duration, path)
-            truncated = truncated & ~terminated
-            finished = truncated | terminated
-        if self.egg is not None or self.domains:
-            finished = finished | was_finished
-        state = State(pose.position, pose.heading, memory, clock, start_concentration, finished)
+        newest = self._record(pose, sensed, interval.curvature, state.finished, interval.count)
+        memory, observation = perception.renew(state.memory, newest)
+        terminated, truncated, finished = self._ends(state, action, kick, interval, pose, path)
+        start_concentration = state.start_concentration
+        after = State(*pose, memory, interval.count, start_concentration, finished)
         gain = concentration - start_concentration
-        return state, Outcome(observation, reward, terminated, truncated, gain)
-
-    def _swim(self, pose: Pose, motion: Motion, speed: Array, duration: Array) -> tuple[Pose, Array | None]:
-        """The pose after an interval, and in a flow the positions on the way to it."""
-        if compiling(pose.position) and not (self.in_flow and self.scheme.outputs):
-            motion = Motion(*(in_pieces(part, 2 if self.in_flow else 1) for part in motion))
-        if not self.in_flow:
-            return swimmer.along_arc(pose, motion), None
-        weights = self.tables(pose.position).weights
-        return self.scheme.swim(pose, motion, speed, duration, weights, self.flow)
+        outcome = Outcome(observation, None, terminated, truncated, gain)
+        return after, outcome._replace(reward=self.reward.reward(self, state, after, outcome))
 
     def time(self, state: State) -> Array:
         """Time lived (..., cells), `life` exactly when it is up [time]."""
-        return intervals.time(self, state)
+        return self.clock.time(state.clock, state.position)
 
     def observation(self, state: State) -> Array:
         """Observation (..., cells, N_T · features) float32 of a state."""
@@ -218,36 +170,52 @@ class World(Parameters):
         contrast = 0.5 * (self.curvatures[-1] - self.curvatures[0])
         return state.memory[..., 0, 1] * contrast + self.mean_curvature
 
-    def _record(self, position: Array, normal_curvature: Array, concentration: Array | None = None) -> Array:
-        if concentration is None:
-            concentration = self.field.concentration(position)
-        flow: tuple[Array, ...] = ()
-        if self.sense_flow:
-            x, y, spin = swimmer.velocity_and_spin(self.flow, *swimmer.components(position))
-            flow = (x / self.flow.speed_scale, y / self.flow.speed_scale, spin / self.flow.spin_scale)
-        return perception.record(concentration, normal_curvature, flow, self.record_scale)
+    @cached_property
+    def _ends_early(self) -> bool:
+        """Whether anything but time ends lives."""
+        return self.egg is not None or bool(self.domains)
 
-    def _arrived(
-        self,
-        state: State,
-        pose: Pose,
-        action: Array,
-        noise: Array,
-        duration: Array,
-        path: Array | None,
-    ) -> Array:
-        """Whether the path of the interval came within reach of the egg; False for finished cells."""
+    def _record(
+        self, pose: Pose, concentration: Array, curvature: Array, finished: Array, count: Array
+    ) -> Sequence[Array]:
+        """What the sensor records."""
+        time = self.clock.time(count, pose.position) if self._needs_time else None
+        return self.sensor.record(self, time, Situation(*pose, concentration, curvature, finished))
+
+    @cached_property
+    def _needs_time(self) -> bool:
+        return bool(getattr(self.sensor, "needs_time", False))
+
+    def _ends(
+        self, state: State, action: Array, kick: Array, interval: Interval, pose: Pose, path: Array | None
+    ) -> tuple[Array, Array, Array]:
+        """Which cells have arrived, which are out of time or of the domain, and whose lives are over."""
+        truncated = finished = self.clock.is_up(interval.count)
+        terminated = nowhere(finished)
+        for inside in self.domains:
+            truncated = truncated | ~inside(pose.position)
+        if self.egg is not None:
+            if path is None:
+                curvature = self.swimmer.swum_curvature(action, kick, pose.position)
+                terminated = self._met_on_arc(state, curvature, interval.speed * interval.length)
+            else:
+                terminated = self._met_on_path(pose, path)
+            terminated = terminated & ~state.finished
+            truncated = truncated & ~terminated
+        if self._ends_early:
+            finished = truncated | terminated | state.finished
+        return terminated, truncated, finished
+
+    def _met_on_arc(self, state: State, curvature: Array, length: Array) -> Array:
+        """Whether an arc comes within reach of the egg."""
         assert self.egg is not None
-        xp = namespace(pose.position)
         centre, radius = self.egg
-        if path is None:
-            curvature = intervals.swum_curvature(self, action, noise, pose.position)
-            speed = look_up(as_array(np.asarray(self.action_speeds), pose.position), action)
-            nearest = swimmer.closest_approach(state.pose, curvature, speed * duration, centre)
-            reached = nearest <= radius
-        else:
-            from_egg = xp.concat([path, pose.position[None, ...]], axis=0) - as_array(
-                np.asarray(centre), path
-            )
-            reached = xp.any(from_egg[..., 0] ** 2 + from_egg[..., 1] ** 2 <= radius**2, axis=0)
-        return reached & ~state.finished
+        return closest_approach(state.pose, curvature, length, centre) <= radius
+
+    def _met_on_path(self, pose: Pose, path: Array) -> Array:
+        """Whether one of the places of a path does, or its end."""
+        assert self.egg is not None
+        centre, radius = self.egg
+        xp = namespace(path)
+        from_egg = xp.concat([path, pose.position[None, ...]], axis=0) - as_array(np.asarray(centre), path)
+        return xp.any(from_egg[..., 0] ** 2 + from_egg[..., 1] ** 2 <= radius**2, axis=0)

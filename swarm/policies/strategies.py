@@ -1,37 +1,18 @@
-"""Strategies: what a cell does next, learnt or devised.
-
-A policy maps a state to actions and keeps nothing of its own: the same state and random numbers give the same
-actions, on any array library and with any leading axes.
-"""
+"""Strategies: policies that somebody devised, and any function of the observation as a policy."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from array_api_compat import is_array_api_obj
 
 from swarm._support.arrays import as_array, namespace
-
-if TYPE_CHECKING:
-    from swarm.physics.world import State, World
+from swarm.physics.world import State, World
 
 Array = Any
-
-
-@runtime_checkable
-class Policy(Protocol):
-    """Chooses the next action of every cell."""
-
-    def act(self, world: World, state: State, uniform: Array) -> Array:
-        """Whole numbers 0 … m − 1 (..., cells).
-
-        `uniform` (..., cells) in [0, 1) is each cell's own random number for this decision; policies that
-        leave nothing to chance ignore it, and then it may be None.
-        """
-        ...
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,14 @@ import numpy as np
 
 from swarm._support import provenance, streams
 from swarm._support.checks import check_count, check_flag
-from swarm.physics.motion.swimmer import centre_of_curvature
-from swarm.physics.starts import NOISE_BLOCK, Starts, draw_noise, draw_starts
+from swarm.optimal import physical_limit
+from swarm.physics.motion.arc import centre_of_curvature
+from swarm.physics.starts import Starts, draw_starts
 from swarm.physics.world import World
-from swarm.policies.strategies import Greedy, Policy
-from swarm.population.results import RIVAL, SERIES, as_dataset, settings
+from swarm.policies.policy import AnyPolicy, check_policy
+from swarm.policies.strategies import Greedy
+from swarm.population.results import LIVES, RIVAL, SERIES, as_dataset, settings
+from swarm.population.rollout import Moment, rollout
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,7 +25,7 @@ if TYPE_CHECKING:
 
 def population_test(
     world: World,
-    policies: Mapping[str, Policy],
+    policies: Mapping[str, AnyPolicy],
     *,
     cells: int = 40,
     life: float = 200.0,
@@ -52,7 +55,7 @@ def population_test(
         )
         for name, policy in policies.items()
     }
-    bound = _limit(world, starts) if limit else None
+    bound = physical_limit.limit(world, starts) if limit else None
     attributes = {
         "title": "Population test: the same starts for every policy",
         "seed": seed,
@@ -67,29 +70,20 @@ def population_test(
     return as_dataset(starts, lived, attributes)
 
 
-def _with_rival(policies: Mapping[str, Policy]) -> dict[str, Policy]:
+def _with_rival(policies: Mapping[str, AnyPolicy]) -> dict[str, AnyPolicy]:
     named: Mapping[Any, Any] = policies
     for name, policy in named.items():
         if not isinstance(name, str) or not name:
             raise TypeError(f"policies must be named by text, got {name!r}")
-        if not callable(getattr(policy, "act", None)):
-            raise TypeError(f"policy {name!r} must have act(world, state, uniform), got {policy!r}")
+        check_policy(name, policy)
     if not isinstance(policies.get(RIVAL, Greedy()), Greedy):
         raise ValueError(f"policy {RIVAL!r} must be the greedy strategy, got {policies[RIVAL]!r}")
     return dict(policies) if RIVAL in policies else {**policies, RIVAL: Greedy()}
 
 
-def _limit(world: World, starts: Starts) -> float | None:
-    try:
-        from swarm.optimal.physical_limit import limit
-    except ImportError:
-        return None
-    return limit(world, starts)
-
-
 def lives(
     world: World,
-    policy: Policy,
+    policy: AnyPolicy,
     starts: Starts,
     seed: int,
     *,
@@ -100,74 +94,43 @@ def lives(
 ) -> dict[str, np.ndarray]:
     """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...)."""
     cells = len(starts.heading)
-    state = world.start(*starts)
-    recorder = _Recorder(world, cells) if record else None
-    if recorder:
-        recorder.add(state, np.ones(cells, bool))
+    recorded = []
     arrived = np.zeros(cells, bool)
     decisions = np.zeros(cells, np.int32)
     gain = maximal = np.zeros(cells)
-    for decision in range(world.max_decisions):
-        block, turn = divmod(decision, NOISE_BLOCK)
-        if turn == 0:
-            uniform = streams.generator(population, "policy", seed, episode, block).random(
-                (cells, NOISE_BLOCK)
-            )
-            if world.has_noise:
-                noise = draw_noise(
-                    seed, cells, NOISE_BLOCK, population=population, episode=episode, block=block
-                )
-        alive = ~state.finished
-        action = policy.act(world, state, uniform[:, turn])
-        state, outcome = world.step(state, action, noise[:, turn] if world.has_noise else None)
-        gain = outcome.gain
-        arrived |= outcome.terminated & alive
-        decisions += alive
-        maximal = np.maximum(maximal, gain)
-        if recorder:
-            recorder.add(state, alive)
-        if state.finished.all():
-            break
+    for moment in rollout(world, policy, starts, seed, population=population, episode=episode):
+        if record:
+            recorded.append(_series(world, moment))
+        if moment.outcome is not None:
+            gain = moment.outcome.gain
+            arrived |= moment.outcome.terminated & moment.alive
+            decisions += moment.alive
+            maximal = np.maximum(maximal, gain)
     if not np.all(np.isfinite(gain)):
         cell = int(np.flatnonzero(~np.isfinite(gain))[0])
         raise ValueError(
             f"gains must be finite, got {gain[cell]} for cell {cell} under {name!r}: "
             "check what the field and the flow return"
         )
-    measured = {
-        "gain": gain,
-        "maximal_gain": maximal,
-        "arrived": arrived,
-        "lifetime": world.time(state),
-        "decisions": decisions,
+    values = (gain, maximal, arrived, world.time(moment.state), decisions)
+    series = {name: np.stack([row[name] for row in recorded], axis=1) for name in SERIES if recorded}
+    return dict(zip(LIVES, values, strict=True)) | series
+
+
+def _series(world: World, moment: Moment) -> dict[str, np.ndarray]:
+    """What is plotted of a moment (cells, ...), NaN where a life is over."""
+    state, curvature = moment.state, world.curvature(moment.state)
+    values = {
+        "time": world.time(state),
+        "position": state.position,
+        "heading": world.heading_angle(state),
+        "curvature": curvature,
+        "centre": centre_of_curvature(state.pose, curvature),
+        "concentration": world.field.concentration(state.position),
     }
-    return measured | (recorder.series() if recorder else {})
-
-
-class _Recorder:
-    """Collects what is plotted of every life; NaN where a life is over."""
-
-    def __init__(self, world: World, cells: int) -> None:
-        self.world = world
-        self.length = 0
-        self.columns: dict[str, np.ndarray] = {
-            name: np.full((world.max_decisions + 1, cells, *(2 for _ in extra)), np.nan, dtype)
-            for name, (extra, dtype, _, _) in SERIES.items()
-        }
-
-    def add(self, state: Any, alive: np.ndarray) -> None:
-        curvature = self.world.curvature(state)
-        row = {
-            "time": self.world.time(state),
-            "position": state.position,
-            "heading": self.world.heading_angle(state),
-            "curvature": curvature,
-            "centre": centre_of_curvature(state.pose, curvature),
-            "concentration": self.world.field.concentration(state.position),
-        }
-        for name, values in row.items():
-            self.columns[name][self.length, alive] = values[alive]
-        self.length += 1
-
-    def series(self) -> dict[str, np.ndarray]:
-        return {name: np.moveaxis(column[: self.length], 0, 1) for name, column in self.columns.items()}
+    row: dict[str, np.ndarray] = {
+        name: np.array(values[name], dtype) for name, (_, dtype, _, _) in SERIES.items()
+    }
+    for column in row.values():
+        column[~moment.alive] = np.nan
+    return row

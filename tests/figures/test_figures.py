@@ -11,7 +11,8 @@ import pytest
 
 from swarm import figures
 from swarm.figures.style import LOOKS, _apart, look
-from swarm.physics.motion.swimmer import Pose, swim
+from swarm.physics.motion.arc import Pose
+from swarm.physics.motion.collocation import swim
 from swarm.physics.world import World
 from swarm.policies.strategies import Random, Swinging
 from swarm.population.contest import population_test

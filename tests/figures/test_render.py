@@ -13,7 +13,8 @@ from swarm.envs.gymnasium import SpermSwarmVector
 from swarm.figures import picture, scene
 from swarm.figures.scene import SIZE, Camera, Glance, Segment
 from swarm.figures.viewer import Viewer
-from swarm.physics.motion.swimmer import Pose, swim
+from swarm.physics.motion.arc import Pose
+from swarm.physics.motion.collocation import swim
 
 WORLDS = {
     "linear": {},

@@ -81,7 +81,7 @@ def test_a_page_shows_the_policy(tmp_path):
 
 
 def test_a_page_in_a_flow_does_not_wait_for_the_limit(tmp_path, monkeypatch):
-    monkeypatch.setattr("swarm.population.contest._limit", lambda *_: pytest.fail("computed"))
+    monkeypatch.setattr("swarm.optimal.physical_limit.limit", lambda *_: pytest.fail("computed"))
     watch("greedy", World(life=2.0, flow="taylor_green"), cells=3, out=tmp_path / "swim.html")
     assert '"limit": null' in (tmp_path / "swim.html").read_text(encoding="utf-8")
 

@@ -211,10 +211,9 @@ def test_a_finished_reproduction_trains_nothing_and_says_the_same(done, tmp_path
 
 def test_a_training_that_was_stopped_goes_on_to_the_same_policies(done, tmp_path, sparing):
     from trainers.training import run as running
-    from trainers.training.machine import prepare
 
     (planned,) = trainings(SMALL, tmp_path)
-    prepared = prepare(planned.settings)
+    prepared = running.prepare(planned.settings)
     run = RunFolder.create(planned.folder, planned.settings)
 
     def stop(progress, seconds):

@@ -20,8 +20,16 @@ from swarm._support.checks import (
     check_number,
     check_point,
 )
-from swarm.physics.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
+from swarm.physics.fields import (
+    FIELDS,
+    DiffusingSource,
+    FunctionField,
+    GaussianPlume,
+    LinearField,
+    RadialField,
+)
 from swarm.physics.flows import (
+    FLOWS,
     FunctionFlow,
     PoiseuilleFlow,
     ShearFlow,
@@ -30,7 +38,7 @@ from swarm.physics.flows import (
     UniformFlow,
     Vortex,
 )
-from swarm.physics.world import FIELDS, FLOWS, World
+from swarm.physics.world import World
 from tests.reference import array
 
 
@@ -392,8 +400,8 @@ def test_replace_checks_again_and_suggests_parameters():
         World().replace(life=-1)
 
 
-@pytest.mark.parametrize("field", FIELDS)
-@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("field", sorted(set(FIELDS) - {"gridded"}))
+@pytest.mark.parametrize("flow", sorted(set(FLOWS) - {"gridded"}))
 def test_every_name_makes_a_world(field, flow):
     world = World(field=field, flow=flow)
     assert type(world.field) is FIELDS[field]

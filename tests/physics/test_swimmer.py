@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from swarm.physics.flows import PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, UniformFlow, Vortex
-from swarm.physics.motion import swimmer
-from swarm.physics.motion.swimmer import Collocation, Pose
+from swarm.physics.motion import collocation
+from swarm.physics.motion.arc import Pose, along_arc, arc, centre_of_curvature, closest_approach
+from swarm.physics.motion.collocation import TOLERANCE, Collocation, error_estimate, swim
 from tests.reference import array, place_and_heading, pose, reference, to_numpy
 
 CELLS = 24
@@ -32,7 +33,7 @@ def swum(xp, cells, duration, *, speed=1.0, flow=None, curvature=None):
     position, angle, kappa = cells
     kappa = kappa if curvature is None else np.full(CELLS, curvature)
     durations = np.broadcast_to(np.asarray(duration, float), CELLS)
-    return swimmer.swim(
+    return swim(
         pose(xp, position, angle),
         array(xp, kappa),
         array(xp, np.full(CELLS, speed)),
@@ -72,9 +73,7 @@ def test_a_straight_path_has_no_curvature(xp, cells):
 
 
 def test_a_positive_curvature_turns_left(xp):
-    after = swimmer.swim(
-        pose(xp, [[0.0, 0.0]], [0.0]), array(xp, [2.0]), array(xp, [1.0]), array(xp, [np.pi / 4])
-    )
+    after = swim(pose(xp, [[0.0, 0.0]], [0.0]), array(xp, [2.0]), array(xp, [1.0]), array(xp, [np.pi / 4]))
     np.testing.assert_allclose(place_and_heading(after), [[0.5, 0.5, 0.0, 1.0]], rtol=0, atol=1e-15)
 
 
@@ -83,8 +82,8 @@ def test_a_negative_duration_undoes_a_positive_one(xp, cells, flow):
     position, angle, curvature = cells
     there = swum(xp, cells, 0.38, flow=flow)
     speed = array(xp, np.ones(CELLS))
-    back = swimmer.swim(there, array(xp, curvature), speed, array(xp, np.full(CELLS, -0.38)), flow)
-    tolerance = 1e-14 * 20 if isinstance(flow, StillWater) else 2 * swimmer.TOLERANCE
+    back = swim(there, array(xp, curvature), speed, array(xp, np.full(CELLS, -0.38)), flow)
+    tolerance = 1e-14 * 20 if isinstance(flow, StillWater) else 2 * TOLERANCE
     start = place_and_heading(pose(np, position, angle))
     np.testing.assert_allclose(place_and_heading(back), start, rtol=0, atol=tolerance)
 
@@ -110,7 +109,7 @@ def test_in_a_flow_the_pose_is_within_tolerance_of_the_reference(xp, cells, flow
     for duration, speed in ((0.78, 1.0), (0.38, 1.0), (0.18, 1.0), (-0.38, 1.0), (0.38, 2.5), (2.5, 0.5)):
         after = place_and_heading(swum(xp, cells, duration, flow=flow, speed=speed))
         expected = reference(position, heading, curvature, speed, duration, flow)
-        np.testing.assert_allclose(after, expected, rtol=0, atol=swimmer.TOLERANCE, err_msg=f"{duration=}")
+        np.testing.assert_allclose(after, expected, rtol=0, atol=TOLERANCE, err_msg=f"{duration=}")
 
 
 def test_in_a_uniform_flow_the_arc_is_carried_along(xp, cells):
@@ -155,7 +154,7 @@ def test_the_error_estimate_bounds_the_error():
         flow = TaylorGreen(speed_scale=u, wavenumber=k)
         for duration in (0.18, 0.78):
             scheme = Collocation.for_interval(flow, 4 * duration, duration, duration)
-            assert error_of(scheme, flow, duration) < swimmer.TOLERANCE, (flow, scheme)
+            assert error_of(scheme, flow, duration) < TOLERANCE, (flow, scheme)
 
 
 @pytest.mark.parametrize(
@@ -170,12 +169,12 @@ def test_the_error_estimate_bounds_the_error():
 def test_the_tolerance_holds_for_slow_and_fast_cells(flow, duration, speed, curvature):
     length = speed * duration
     scheme = Collocation.for_interval(flow, curvature * length, length, duration)
-    assert error_of(scheme, flow, duration, speed=speed, curvature=curvature) < swimmer.TOLERANCE
+    assert error_of(scheme, flow, duration, speed=speed, curvature=curvature) < TOLERANCE
 
 
 def estimated(flow, *, unit_of_time=1.0):
     """The error estimate for three quarters of a turn in `duration` 0.4."""
-    return swimmer.error_estimate(flow, 4.7, 1.2, 0.4 * unit_of_time, 4, 3, 2)
+    return error_estimate(flow, 4.7, 1.2, 0.4 * unit_of_time, 4, 3, 2)
 
 
 def test_the_error_estimate_knows_a_flow_by_its_bounds_or_else_by_its_scales():
@@ -206,7 +205,7 @@ def test_a_flow_that_turns_cells_without_moving_them_is_followed():
             return np.full_like(position[..., 0], self.spin_scale)
 
     scheme = Collocation.for_interval(Turning(), 1.5, 0.38, 0.38)
-    assert error_of(scheme, Turning(), 0.38) < swimmer.TOLERANCE
+    assert error_of(scheme, Turning(), 0.38) < TOLERANCE
 
 
 @pytest.mark.parametrize("flow", [*FLOWS, TaylorGreen(speed_scale=1.0, wavenumber=3.0), TaylorGreen(1e-7)])
@@ -218,10 +217,9 @@ def test_the_scheme_is_the_cheapest_that_keeps_the_tolerance(flow, duration):
     found = Collocation.for_interval(flow, 4 * duration, duration, duration)
     enough = (
         cost(nodes, sweeps, substeps)
-        for substeps in swimmer.SUBSTEPS
+        for substeps in collocation.SUBSTEPS
         for nodes, sweeps in itertools.product((3, 4, 5, 6), (2, 3, 4, 5, 6))
-        if swimmer.error_estimate(flow, 4 * duration, duration, duration, nodes, sweeps, substeps)
-        <= swimmer.TOLERANCE
+        if error_estimate(flow, 4 * duration, duration, duration, nodes, sweeps, substeps) <= TOLERANCE
     )
     assert 3 <= found.nodes <= 6
     assert 2 <= found.sweeps <= 6
@@ -250,7 +248,7 @@ def test_several_cells_swim_by_the_scheme_of_the_longest_and_most_curved_interva
     monkeypatch.setattr(Collocation, "for_interval", recorded)
     start = pose(np, np.zeros((3, 2)), np.zeros(3))
     curvature, speed = np.array([3.0, -5.0, 4.0]), np.array([0.5, 2.0, 1.0])
-    swimmer.swim(start, curvature, speed, np.array([-0.3, 0.1, -0.2]), TaylorGreen())
+    swim(start, curvature, speed, np.array([-0.3, 0.1, -0.2]), TaylorGreen())
     assert asked == [(5.0 * 2.0 * 0.1, 0.2, 0.3)]
 
 
@@ -300,15 +298,15 @@ def test_headings_stay_of_unit_length_in_float32(xp, flow):
     now = pose(xp, position, np.linspace(-3, 3, CELLS), xp.float32)
     ones = array(xp, np.ones(CELLS), xp.float32)
     for _ in range(200):
-        now = swimmer.swim(now, 4 * ones, ones, 0.38 * ones, flow)
+        now = swim(now, 4 * ones, ones, 0.38 * ones, flow)
     assert now.position.dtype == now.heading.dtype == xp.float32
     np.testing.assert_allclose(np.linalg.norm(to_numpy(now.heading), axis=-1), 1, rtol=0, atol=3e-7)
 
 
 def test_the_centre_of_curvature_stays_while_the_curvature_does(xp, cells):
     position, angle, curvature = cells
-    before = swimmer.centre_of_curvature(pose(xp, position, angle), array(xp, curvature))
-    after = swimmer.centre_of_curvature(swum(xp, cells, 0.38), array(xp, curvature))
+    before = centre_of_curvature(pose(xp, position, angle), array(xp, curvature))
+    after = centre_of_curvature(swum(xp, cells, 0.38), array(xp, curvature))
     np.testing.assert_allclose(to_numpy(after), to_numpy(before), rtol=0, atol=1e-14 * 20)
 
 
@@ -319,14 +317,10 @@ def test_the_closest_approach_is_that_of_a_densely_sampled_arc(xp, curvature, le
     cells = 60
     position, angle = rng.normal(0, 0.7, (cells, 2)), rng.uniform(-np.pi, np.pi, cells)
     point, kappa, ones = (0.2, -0.1), np.full(cells, curvature), np.ones(cells)
-    closest = swimmer.closest_approach(
-        pose(xp, position, angle), array(xp, kappa), array(xp, length * ones), point
-    )
+    closest = closest_approach(pose(xp, position, angle), array(xp, kappa), array(xp, length * ones), point)
     start = pose(np, position, angle)
     durations = np.linspace(0, length, 2001)[:, None] * ones
-    path = swimmer.along_arc(
-        Pose(start.position, start.heading), swimmer.arc(kappa, ones, durations)
-    ).position
+    path = along_arc(Pose(start.position, start.heading), arc(kappa, ones, durations)).position
     sampled = np.linalg.norm(path - np.array(point), axis=-1).min(axis=0)
     closest = to_numpy(closest)
     spacing = length / 2000
@@ -337,5 +331,5 @@ def test_the_closest_approach_is_that_of_a_densely_sampled_arc(xp, curvature, le
 
 def test_a_circle_around_a_point_is_its_radius_away(xp):
     on_circle = pose(xp, [[0.5, 0.0]], [np.pi / 2])  # turns around the origin
-    closest = swimmer.closest_approach(on_circle, array(xp, [2.0]), array(xp, [1.0]), (0.0, 0.0))
+    closest = closest_approach(on_circle, array(xp, [2.0]), array(xp, [1.0]), (0.0, 0.0))
     np.testing.assert_allclose(to_numpy(closest), [0.5], rtol=1e-15)

@@ -554,15 +554,15 @@ def test_a_start_has_an_entry_for_each_cell_of_each_world(xp, rule):
 def test_tables_are_made_once_for_each_library_and_precision(xp):
     world = World(flow="taylor_green", varying_speed=True)
     double, single = (array(xp, np.zeros(3), dtype) for dtype in (xp.float64, xp.float32))
-    tables = {dtype: world.tables(like) for dtype, like in (("double", double), ("single", single))}
+    tables = {dtype: world.swimmer.tables(like) for dtype, like in (("double", double), ("single", single))}
     assert tables["double"].rows.dtype == tables["double"].weights.dtype == xp.float64
     assert tables["single"].rows.dtype == tables["single"].weights.dtype == xp.float32
     if type(double).__module__ in ("numpy", "torch"):
-        assert world.tables(2 * double) is tables["double"]
-        assert world.tables(2 * single) is tables["single"]
-    assert tables["double"].whole.shape == (2,)
-    assert World().tables(double).whole.shape == (1,)
-    assert World().tables(double).weights is None
+        assert world.swimmer.tables(2 * double) is tables["double"]
+        assert world.swimmer.tables(2 * single) is tables["single"]
+    assert tables["double"].ticks.whole.shape == (2,)
+    assert World().swimmer.tables(double).ticks.whole.shape == (1,)
+    assert World().swimmer.tables(double).weights is None
 
 
 def test_the_past_of_a_start_does_not_move_its_pose():
@@ -779,7 +779,7 @@ def test_still_water_is_never_integrated():
 def test_the_way_that_torch_compiles_is_the_way_of_all(monkeypatch, world):
     torch = pytest.importorskip("torch")
     plain = live(torch, world, 5, 8, noise=world.has_noise)
-    monkeypatch.setattr("swarm.physics.world.compiling", lambda array: True)
+    monkeypatch.setattr("swarm._support.compiler.compiling", lambda array: True)
     monkeypatch.setattr("swarm._support.arrays.compiling", lambda array: True)
     in_pieces = live(torch, world, 5, 8, noise=world.has_noise)
     for one, other in zip(plain[0] + plain[1], in_pieces[0] + in_pieces[1], strict=True):

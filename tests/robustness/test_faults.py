@@ -12,7 +12,9 @@ import os
 import resource
 import shutil
 import signal
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -20,10 +22,9 @@ import typer
 
 from swarm.envs.torchrl import SwarmEnv
 from tests.short_runs import assert_equal_runs, short_settings, start, whole
+from trainers import cli
 from trainers.algorithms import dqn
-from trainers.jobs import launch as launching
-from trainers.settings.composition import SettingsError
-from trainers.settings.schema import check_settings
+from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run as running
 from trainers.training import run_folder as runs
@@ -46,17 +47,17 @@ def expected(tmp_path_factory):
 
 
 def begin(folder="run", settings=SETTINGS):
-    launching.begin(settings, Path(folder))
+    cli.begin(settings, Path(folder))
 
 
 def resume(folder="run"):
-    launching.resume(Path(folder))
+    cli.resume(Path(folder))
 
 
 def message(capsys, command, *arguments):
     """The one line that a failing command says."""
     capsys.readouterr()
-    with pytest.raises(typer.Exit) as ended:
+    with pytest.raises(typer.Exit) as ended, cli.errors_as_lines():
         command(*arguments)
     assert ended.value.exit_code != 0
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("swarm: ")]
@@ -84,7 +85,7 @@ def broken_after(monkeypatch, epoch):
     def stop(run):
         raise KeyboardInterrupt
 
-    with monkeypatch.context() as patch, contextlib.suppress(typer.Exit):
+    with monkeypatch.context() as patch, contextlib.suppress(KeyboardInterrupt):
         after(patch, epoch, stop)
         begin()
     return runs.RunFolder(Path("run"))
@@ -522,7 +523,7 @@ def test_what_the_machine_cannot_do_is_said_before_there_is_a_folder(capsys, set
 
 @pytest.mark.parametrize(
     ("name", "settings"),
-    [("torchrl", {}), ("tensorboard", {"tensorboard": True}), ("wandb", {"wandb": True})],
+    [("tensorboard", {"tensorboard": True}), ("wandb", {"wandb": True})],
 )
 def test_a_missing_package_is_said_before_there_is_a_folder(monkeypatch, capsys, name, settings):
     find = importlib.util.find_spec
@@ -535,17 +536,22 @@ def test_a_missing_package_is_said_before_there_is_a_folder(monkeypatch, capsys,
     assert not Path("run").exists()
 
 
+def test_without_the_packages_for_training_there_is_no_folder(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "trainers.training.run", None)
+    assert "this needs a further package, chemoswarm[train] brings" in message(capsys, begin)
+    assert not Path("run").exists()
+
+
 def test_settings_are_checked_before_there_is_a_folder(capsys):
-    said = message(capsys, launching.train_from, ["learning.epochs=0", "hydra.run.dir=run"])
-    assert said == "swarm: learning.epochs must be a whole number of at least 1, got 0"
+    words = SimpleNamespace(args=["learning.epochs=0", "hydra.run.dir=run"])
+    assert message(capsys, cli.train, words) == "swarm: learning.epochs must be at least 1, got 0"
     assert not Path("run").exists()
     assert not Path("runs").exists()
 
 
 def test_settings_that_break_a_rule_cannot_be_made():
     with pytest.raises(SettingsError, match="epochs"):
-        launching.settings_from_stored({"learning": {"epochs": 0}})
-    check_settings(SETTINGS)
+        settings_from_stored({"learning": {"epochs": 0}})
 
 
 def test_memory_that_runs_out_is_said(monkeypatch, capsys):

@@ -10,9 +10,17 @@ import xarray as xr
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
-from swarm.physics.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
+from swarm.physics.fields import (
+    DiffusingSource,
+    FunctionField,
+    GaussianPlume,
+    GriddedField,
+    LinearField,
+    RadialField,
+)
 from swarm.physics.flows import (
     FunctionFlow,
+    GriddedFlow,
     PoiseuilleFlow,
     ShearFlow,
     StillWater,
@@ -20,8 +28,6 @@ from swarm.physics.flows import (
     UniformFlow,
     Vortex,
 )
-from swarm.physics.grids.gridded import GriddedField, GriddedFlow
-from swarm.physics.motion import intervals
 from swarm.physics.starts import draw_noise, draw_starts
 from swarm.physics.world import World
 
@@ -134,7 +140,7 @@ def check_life(world, cells, dtype, seed, decisions):
         # clocks: monotone, by whole intervals until the last, which ends at the life exactly
         assert np.all(time >= time_before)
         assert np.all(time <= dtype(world.life))
-        up = intervals.time_is_up(world, state.clock)
+        up = world.clock.is_up(state.clock)
         assert np.all(time[up] == dtype(world.life))
         whole = np.asarray(world.intervals)[action]
         on_the_way = alive & ~up

@@ -21,7 +21,7 @@ from swarm._support import files
 from swarm.policies.policy_file import PolicyError
 from swarm.population.results import load_population
 from tests.short_runs import short_settings, start, whole
-from trainers.jobs import launch as launching
+from trainers import cli
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run_folder as runs
 from trainers.training.checkpoint import CheckpointError
@@ -60,8 +60,8 @@ def test_a_pickle_named_as_a_policy_or_a_checkpoint_does_not_run(capsys):
     run = whole("run", SETTINGS)
     for file in (run.path / runs.CHECKPOINTS).rglob("*.*"):
         file.write_bytes(data)
-    with pytest.raises(typer.Exit):
-        launching.resume(run.path)
+    with pytest.raises(typer.Exit), cli.errors_as_lines():
+        cli.resume(run.path)
     assert "damaged" in capsys.readouterr().err
     assert not Path("canary").exists()
 
@@ -127,8 +127,8 @@ def test_settings_with_pythons_tags_do_not_run(text):
 def test_stored_settings_are_values_and_nothing_is_made_from_them(text, capsys):
     Path("run").mkdir()
     Path("run/settings.yaml").write_text(text)
-    with pytest.raises(typer.Exit):
-        launching.resume(Path("run"))
+    with pytest.raises(typer.Exit), cli.errors_as_lines():
+        cli.resume(Path("run"))
     assert capsys.readouterr().err.startswith("swarm: stored settings: ")
     assert not Path("canary").exists()
 
@@ -172,7 +172,7 @@ def test_a_link_out_of_the_run_folder_is_not_written_through():
     run = start("run", SETTINGS)
     for name in (runs.METRICS, runs.TIMINGS, runs.POLICY, runs.FIGURE):
         (run.path / name).symlink_to(Path("mine.txt").absolute())
-    launching.resume(run.path)
+    cli.resume(run.path)
     assert Path("mine.txt").read_text() == "mine"
     assert load_policy(run.path).n_records == 4
 

@@ -42,13 +42,13 @@ def run(elsewhere, code):
 
 def test_an_installed_wheel_finds_its_settings(elsewhere):
     code = "from trainers.settings import composition"
-    code += "; print(composition.config_folder(), *composition.experiments())"
+    code += "; print(composition.config_folder(), *composition.names_of('experiment'))"
     folder, *experiments = run(elsewhere, code).split()
     assert Path(folder) == elsewhere / "trainers" / "configs"
     assert "linear_n4" in experiments
     words = "['experiment=linear_n8']"
     code = "from trainers.settings.composition import settings_from"
-    code += f"; print(settings_from({words}).world.n_records)"
+    code += f"; print(settings_from({words}).world['n_records'])"
     assert run(elsewhere, code).strip() == "8"
 
 

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from swarm._support import provenance
 from tests.short_runs import NOISE, assert_equal_runs, short_settings
-from trainers.jobs import launch as launching
+from trainers import cli
 from trainers.training import run as running  # noqa: F401
 from trainers.training import run_folder as runs
 
@@ -49,9 +49,9 @@ def child(folder):
         for stream in (1, 2):
             os.dup2(log, stream)
         if runs.is_run_folder(folder):
-            launching.resume(folder)
+            cli.resume(folder)
         else:
-            launching.begin(SETTINGS, folder)
+            cli.begin(SETTINGS, folder)
         code = 0
     except BaseException:
         traceback.print_exc()
@@ -79,7 +79,7 @@ def run_to_end(folder):
 def warm_up(folder):
     """Imports and computes here once what every child would."""
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
-        launching.begin(dataclasses.replace(SETTINGS, learning=short_settings().learning), folder)
+        cli.begin(dataclasses.replace(SETTINGS, learning=short_settings().learning), folder)
 
 
 def killed_run(folder, longest, moments, most):

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.optim import Adam
 from torch.optim.adam import adam
 
-from swarm.envs.torchrl import compiled
+from swarm._support.compiler import compiled
 
 # error(online, target, batch) -> loss (seeds,), value (seeds,)
 Error = Callable[[Callable, Callable, Mapping], tuple[Tensor, Tensor]]

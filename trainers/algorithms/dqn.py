@@ -11,7 +11,7 @@ import copy
 import functools
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDict, TensorDictBase, TensorDictParams
@@ -28,6 +28,7 @@ from trainers.algorithms.compiled import CompiledUpdate
 from trainers.algorithms.networks import memory_of, seed_mlp
 from trainers.algorithms.replay import COLUMNS, SeedReplay, width
 from trainers.algorithms.schedules import epsilon_at, learning_rate_at
+from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import Settings
 
 WORTH_COMPILING = 30_000  # updates, from which compiling one saves more time than it takes
@@ -137,8 +138,8 @@ class DQN(Algorithm):
     kept = ("observation", "action", ("collector", "mask"), *(("next", name) for name in REACHED))
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
-        self.env, self.settings = env, settings.learning
-        learning, world, device = settings.learning, env.world, env.device
+        learning, world, device = cast(DQNSettings, settings.learning), env.world, env.device
+        self.env, self.settings = env, learning
         drawn = [streams.integer_seed("training", "network", seed) for seed in env.seeds]
         sizes = (world.observation_size, *learning.hidden, world.n_actions)
         self.policy = seed_mlp(sizes, [torch.Generator().manual_seed(each) for each in drawn], device)
@@ -164,7 +165,7 @@ class DQN(Algorithm):
 
     @staticmethod
     def memory_needed(settings: Settings) -> int:
-        learning, world = settings.learning, settings.training_world()
+        learning, world = cast(DQNSettings, settings.learning), settings.training_world()
         sizes = (world.observation_size, *learning.hidden, world.n_actions)
         rows = 2 * learning.buffer_size + learning.updates * learning.batch_size  # a checkpoint's, too
         return 4 * rows * width(sizes[0]) + memory_of(sizes, learning.batch_size)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from trainers.settings.schema import LearningSettings
+from trainers.settings.learning import DQNSettings, LearningSettings
 
 
-def epsilon_at(settings: LearningSettings, epoch: int, progress: float) -> float:
+def epsilon_at(settings: DQNSettings, epoch: int, progress: float) -> float:
     """ε in an epoch (from 0); `progress` is the part of all epochs that is over."""
     if settings.epsilon_schedule == "exponential":
         return max(settings.epsilon_end, settings.epsilon_start * settings.epsilon_decay**epoch)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -12,15 +10,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm._support import files, provenance
+from swarm._support.tables import Table
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
-from swarm.population.statistics import mean_intervals
+from swarm.population.evaluation import LEARNT
+from swarm.population.results import RIVAL
 from trainers.settings.composition import settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import run_folder as runs
+from trainers.training.run_folder import RunError, RunFolder
 
-NAMES = ("experiment", "recipe")  # which tell the settings that come with them
-COLUMNS = ("runs", "seeds", "mean", "low", "high", "worst", "best", "greedy", "limit", "fraction_of_limit")
+NAMES = ("experiment", "recipe", "algorithm")  # which tell the settings that come with them
+SECTIONS = ("world", "learning", "validation", "evaluation")  # of settings that decide what is learnt
 
 
 class Contender(NamedTuple):
@@ -45,23 +46,33 @@ class Group(NamedTuple):
         return np.array([member.gains.mean() for member in self.members])
 
     def row(self) -> dict[str, Any]:
-        """What the table says of the group; low and high: 95% bootstrap interval of the mean over seeds."""
-        interval = mean_intervals(self.means[None])[0]
-        low, high = (None, None) if interval is None else interval
-        limits = [member.limit for member in self.members]
-        limit = None if None in limits else float(np.mean(limits))  # type: ignore[arg-type]
+        """What the table says of the group; low and high: 95% t-interval of the mean over seeds."""
+        means = self.means
+        low, high = _interval(means)
+        limits = [member.limit for member in self.members if member.limit is not None]
+        limit = float(np.mean(limits)) if len(limits) == len(self.members) else None
         return {
             "runs": self.label,
             "seeds": len(self.members),
-            "mean": float(self.means.mean()),
+            "mean": float(means.mean()),
             "low": low,
             "high": high,
-            "worst": float(self.means.min()),
-            "best": float(self.means.max()),
+            "worst": float(means.min()),
+            "best": float(means.max()),
             "greedy": float(np.mean([member.greedy.mean() for member in self.members])),
             "limit": limit,
-            "fraction_of_limit": None if limit is None else float(self.means.mean() / limit),
+            "fraction_of_limit": None if limit is None else float(means.mean() / limit),
         }
+
+
+def _interval(means: np.ndarray) -> tuple[float | None, float | None]:
+    """Student's 95% interval of the mean of few numbers; none of one."""
+    if len(means) < 2:
+        return None, None
+    from scipy import stats
+
+    half = stats.t.ppf(0.975, len(means) - 1) * stats.sem(means)
+    return float(means.mean() - half), float(means.mean() + half)
 
 
 def compare(
@@ -77,42 +88,45 @@ def compare(
         files.check_new_folder(out)
     found = [Path(folder) for folder in folders if runs.is_run_folder(Path(folder))]
     if not found:
-        raise runs.RunError(f"compare must name folders of runs, got {' '.join(map(str, folders))}")
+        raise RunError(f"compare must name folders of runs, got {' '.join(map(str, folders))}")
     for folder in found:
-        if not runs.RunFolder(folder).finished:
-            raise runs.RunError(f"{folder} must be finished; to go on with it: swarm train resume={folder}")
+        if not RunFolder(folder).finished:
+            raise RunError(f"{folder} must be finished; to go on with it: swarm train resume={folder}")
     groups = grouped([each for folder in found for each in _tested(folder, cells, seed)])
     if out is not None:
-        from swarm import figures
-
-        rows = [group.row() for group in groups]
-        with files.new_folder(out) as folder:
-            buffer = io.StringIO()
-            writer = csv.DictWriter(buffer, COLUMNS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-            (folder / "comparison.csv").write_text(buffer.getvalue(), encoding="utf-8")
-            record = {"groups": rows, "runs": [str(path) for path in found], "cells": cells, "seed": seed}
-            record |= {"versions": provenance.versions(), "commit": provenance.commit()}
-            (folder / "comparison.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-            figures.save(
-                figures.groups([(row, group.means) for row, group in zip(rows, groups, strict=True)]),
-                folder / "comparison.png",
-            )
+        _write(out, groups, {"runs": [str(path) for path in found], "cells": cells, "seed": seed})
     return groups
+
+
+def _write(out: Path, groups: Sequence[Group], about: dict[str, Any]) -> None:
+    from swarm import figures
+
+    rows = [group.row() for group in groups]
+    record = {"groups": rows, **about, "versions": provenance.versions(), "commit": provenance.commit()}
+    with files.new_folder(out) as folder:
+        (folder / "comparison.csv").write_text(Table.of(rows).as_csv(), encoding="utf-8")
+        (folder / "comparison.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        figure = figures.groups([(row, group.means) for row, group in zip(rows, groups, strict=True)])
+        figures.save(figure, folder / "comparison.png")
 
 
 def grouped(contenders: Sequence[Contender]) -> list[Group]:
     """Contenders by all their settings but the seeds, labelled by what differs between groups."""
-    described = [_flat(contender.settings) for contender in contenders]
+    described = [_described(contender.settings) for contender in contenders]
     keys = [key for key in NAMES if _differ(each[key] for each in described)]
-    keys += [key for key in described[0] if key not in NAMES and not _told_by_names(key, described)]
+    others = list(dict.fromkeys(key for each in described for key in each if key not in NAMES))
+    keys += [key for key in others if not _told_by_names(key, described)]
     groups: dict[str, list[Contender]] = {}
-    for contender, flat in zip(contenders, described, strict=True):
-        parts = [str(flat[key]) if key in NAMES else f"{key}={flat[key]}" for key in keys]
+    for contender, each in zip(contenders, described, strict=True):
+        parts = [each[key] if key in NAMES else f"{key}={each[key]}" for key in keys if key in each]
         label = " ".join(parts) or f"{contender.settings.experiment} {contender.settings.recipe}"
         groups.setdefault(label, []).append(contender)
     return [Group(label, members) for label, members in groups.items()]
+
+
+def _described(settings: Settings) -> dict[str, Any]:
+    """Settings that decide what is learnt, dotted, without the seeds."""
+    return {key: value for key, value in settings.dotted().items() if key.split(".")[0] in NAMES + SECTIONS}
 
 
 def _differ(values: Iterable[Any]) -> bool:
@@ -120,53 +134,34 @@ def _differ(values: Iterable[Any]) -> bool:
 
 
 def _told_by_names(key: str, described: Sequence[dict[str, Any]]) -> bool:
-    """Whether experiment and recipe tell a setting: runs that share both have the same value."""
-    values: dict[tuple[str, str], list[Any]] = {}
-    for flat in described:
-        values.setdefault((flat["experiment"], flat["recipe"]), []).append(flat[key])
+    """Whether the names tell a setting: runs that share them have the same value."""
+    values: dict[tuple[str, ...], list[Any]] = {}
+    for each in described:
+        values.setdefault(tuple(each[name] for name in NAMES), []).append(each.get(key))
     return not any(_differ(alike) for alike in values.values())
 
 
-def table(groups: Sequence[Group]) -> list[list[str]]:
-    """A row per group after the row of headings, best first."""
-    rows = [["runs", "seeds", "gain", "95% interval over seeds", "worst", "best", "greedy", "of the limit"]]
+def table(groups: Sequence[Group]) -> Table:
+    """A row per group, best first."""
+    headings = ["runs", "seeds", "gain", "95% interval over seeds", "worst", "best", "greedy", "of the limit"]
+    rows = []
     for row in sorted((group.row() for group in groups), key=lambda each: -each["mean"]):
-        interval = "–" if row["low"] is None else f"{row['low']:.2f} … {row['high']:.2f}"
-        fraction = "–" if row["fraction_of_limit"] is None else f"{100 * row['fraction_of_limit']:.1f}%"
-        numbers = [f"{row[name]:.2f}" for name in ("mean", "worst", "best", "greedy")]
-        rows.append([row["runs"], str(row["seeds"]), numbers[0], interval, *numbers[1:], fraction])
-    return rows
+        interval = None if row["low"] is None else f"{row['low']:.2f} … {row['high']:.2f}"
+        fraction = None if row["fraction_of_limit"] is None else f"{100 * row['fraction_of_limit']:.1f}%"
+        mean, *others = (f"{row[name]:.2f}" for name in ("mean", "worst", "best", "greedy"))
+        rows.append([row["runs"], row["seeds"], mean, interval, *others, fraction])
+    return Table(headings, rows)
 
 
 def _tested(folder: Path, cells: int, seed: int) -> list[Contender]:
-    run, stored = runs.RunFolder.open(folder)
-    settings = settings_from_stored(stored)
-    found = []
+    run, stored = RunFolder.open(folder)
+    settings = settings_from_stored(stored, folder)
+    world, found = settings.test_world(), []
     for each in range(settings.seed, settings.seed + settings.n_seeds):  # stored, so there may be any number
         path = run.policy if settings.n_seeds == 1 else run.seed_folder(each) / runs.POLICY
-        world = settings.test_world()
-        results = population_test(
-            world, {"dqn": load_policy(path)}, cells=cells, life=world.life, seed=seed, record=False
-        )
-        gain = results["gain"]
-        found.append(
-            Contender(
-                settings,
-                each,
-                gain.sel(policy="dqn").values,
-                gain.sel(policy="greedy").values,
-                results.attrs.get("limit"),
-            )
-        )
+        policies = {LEARNT: load_policy(path)}
+        results = population_test(world, policies, cells=cells, life=world.life, seed=seed, record=False)
+        gains = {name: results["gain"].sel(policy=name).values for name in (LEARNT, RIVAL)}
+        limit = results.attrs.get("limit")
+        found.append(Contender(settings, each, gains[LEARNT], gains[RIVAL], limit))
     return found
-
-
-def _flat(settings: Settings) -> dict[str, Any]:
-    """Settings that decide what is learnt, dotted, without the seeds."""
-    import dataclasses
-
-    flat = {"experiment": settings.experiment, "recipe": settings.recipe}
-    for section in ("world", "learning", "validation", "evaluation"):
-        for key, value in dataclasses.asdict(getattr(settings, section)).items():
-            flat[f"{section}.{key}"] = value
-    return flat

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from swarm import figures
-from swarm.policies.strategies import Policy, Swinging
+from swarm.policies.policy import Policy
+from swarm.policies.strategies import Swinging
 from swarm.population.contest import population_test
 from swarm.population.results import RIVAL
 from trainers.paper.curves import Curves

@@ -12,7 +12,8 @@ from swarm.optimal import physical_limit as optimal
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies.network import Network
-from swarm.policies.strategies import Policy, Swinging
+from swarm.policies.policy import Policy
+from swarm.policies.strategies import Swinging
 from swarm.population.contest import population_test
 from swarm.population.results import RIVAL
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from swarm.physics.world import World
 from trainers.paper.statements import EGG, RECORDS, STEADY, VARYING, VORTICES
 from trainers.settings.composition import settings_from
+from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import Settings
 
 AWARE, BLIND = "taylor_green_aware", "taylor_green_blind"
@@ -95,6 +96,7 @@ def expected_seconds(settings: Settings) -> float:
     def decision(cells: int) -> float:
         return 1.6e-4 + (8e-7 if world.in_flow else 3e-7) * cells * seeds
 
+    assert isinstance(learning, DQNSettings)
     checked = settings.validation
     validations = learning.epochs / checked.every
     rounds = world.max_decisions / (learning.collect or world.max_decisions)

@@ -19,7 +19,7 @@ from swarm.physics.starts import draw_starts
 from swarm.policies import network
 from swarm.policies.network import Network, load_policy
 from swarm.policies.policy_file import PolicyError
-from trainers.jobs.pool import Task, work_off
+from trainers.jobs.executors import Task, executor_for, run_tasks
 from trainers.paper.claims import Claim
 from trainers.paper.curves import Curves, metrics, shipped_curves, trained_curves
 from trainers.paper.measurements import Case, Circle, Measured, Stack, measure, swinging_circle
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from trainers.paper.illustrations import Drawing
 
 
-class ReproductionError(RuntimeError):
+class ReproductionError(RunError):
     """A reproduction that cannot go on as asked; the message says why and what can be done."""
 
 
@@ -69,9 +69,10 @@ def train_all(plan: Plan, planned: Iterable[Training]) -> None:
         )
         for each in wanted
     ]
+    results = run_tasks(tasks, executor_for(plan.workers), title="training")
     failed = [
         f"{task.label}: {result}"
-        for task, result in zip(tasks, work_off(tasks, plan.workers, title="training"), strict=True)
+        for task, result in zip(tasks, results, strict=True)
         if isinstance(result, Exception)
     ]
     if failed:
@@ -192,7 +193,7 @@ def cases(plan: Plan, stacks: dict[tuple[str, str], Stack]) -> list[Case]:
 def test_all(plan: Plan, tests: list[Case]) -> dict[str, Measured]:
     """Outcome of every test; raises ReproductionError where one fails."""
     tasks = [Task(case.name, measure, (case,), _test_seconds(case)) for case in tests]
-    outcomes = work_off(tasks, plan.workers, title="test")
+    outcomes = run_tasks(tasks, executor_for(plan.workers), title="test")
     for case, outcome in zip(tests, outcomes, strict=True):
         if isinstance(outcome, Exception):
             raise ReproductionError(f"the test {case.name} failed: {outcome}")
@@ -219,7 +220,7 @@ def circles(plan: Plan, tests: list[Case]) -> dict[str, Circle]:
 def reproduce(plan: Plan, out: Path, publish: Path | None = None) -> list[Claim]:
     """Train, test, judge, draw and report into `out`, with a copy of all but the runs in `publish`.
 
-    Raises ReproductionError, SettingsError, Stopped or OSError.
+    Raises ReproductionError, SettingsError, KeyboardInterrupt or OSError.
     """
     from trainers.paper import outputs as reporting
 
@@ -275,7 +276,8 @@ def draw_all(plan: Plan, tests: Sequence[Case], curves: Curves, folder: Path) ->
             if any(stack.recipe == recipe for stack in case.stacks)
         ]
         tasks.append(Task(recipe, draw_tests, (mine, recipe, folder), 1.0))
-    for task, result in zip(tasks, work_off(tasks, plan.workers, title="figures"), strict=True):
+    results = run_tasks(tasks, executor_for(plan.workers), title="figures")
+    for task, result in zip(tasks, results, strict=True):
         if isinstance(result, Exception):
             raise ReproductionError(f"the figures of {task.label} could not be drawn: {result}")
         drawn += result

@@ -119,7 +119,7 @@ def training_rows(planned: Iterable[Training]) -> list[Row]:
                 "cells": learning.n_swimmers * learning.n_worlds,
                 "hidden": "×".join(str(size) for size in learning.hidden),
                 "discount": learning.discount,
-                "life": each.settings.world.life,
+                "life": each.settings.world["life"],
                 "epochs": learning.epochs,
                 "seconds": sum(float(row["seconds"]) for row in timings),
                 "commit": RunFolder(each.folder).record.get("commit"),

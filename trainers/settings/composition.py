@@ -1,24 +1,41 @@
-"""Settings from YAML files and `key=value` words, composed by Hydra over the typed defaults and checked."""
+"""Settings from YAML files and `key=value` words, composed by Hydra, checked by their types."""
 
 from __future__ import annotations
 
-import difflib
+import dataclasses
 import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from hydra import compose, initialize_config_dir
-from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException, OverrideParseException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from pydantic import TypeAdapter, ValidationError
 
-from swarm._support.checks import check_box, check_name
-from trainers.settings.schema import Settings
+from swarm._support.checks import check_name
+from swarm.physics.grids.netcdf import located
+from swarm.physics.world import World
+from swarm.policies.network import ZOO, load_policy
+from trainers.settings.schema import Settings, unknown
 
-GROUPS = ("experiment", "recipe", "tuning")  # folders of files to choose from
+GROUPS = ("algorithm", "experiment", "recipe", "tuning")  # folders of files to choose from
+RULE_OF = {  # pydantic's kinds of errors, in the words of an error's rule
+    "int_type": "a whole number",
+    "float_type": "a finite number",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "string_type": "text",
+    "list_type": "a list",
+    "dict_type": "keys and values",
+    "dataclass_type": "keys and values",
+    "greater_than": "above {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than_equal": "at most {le}",
+    "too_short": "a list of at least {min_length} of them",
+}
 
 
 class SettingsError(ValueError):
@@ -37,142 +54,135 @@ def config_folder() -> Path:
 
 
 def names_of(group: str) -> list[str]:
-    """Names of the files of a group."""
+    """Names to choose from in a group: algorithms, experiments, recipes."""
     return sorted(path.stem for path in (config_folder() / group).glob("*.yaml"))
-
-
-def experiments() -> list[str]:
-    """Names of the experiments."""
-    return names_of("experiment")
-
-
-def recipes() -> list[str]:
-    """Names of the recipes."""
-    return names_of("recipe")
-
-
-def register() -> None:
-    """Make the typed defaults known to Hydra as `settings`."""
-    ConfigStore.instance().store(name="settings", node=Settings)
 
 
 def settings_from(words: Sequence[str] = ()) -> Settings:
     """Checked settings from `key=value` words over the files; raises SettingsError."""
-    for word in words:
-        if re.match(r"\W*hydra[./]", word):
-            raise SettingsError(f"of Hydra's own keys only hydra.run.dir=DIR may be given, got {word!r}")
-        _check_word(word)
-    register()
+    overrides = [_override(word) for word in words]
     GlobalHydra.instance().clear()
     try:
         with initialize_config_dir(str(config_folder()), version_base="1.3"):
-            return as_settings(compose("config", list(words)))
-    except (HydraException, OmegaConfBaseException) as error:
-        raise SettingsError(readable(error)) from None
+            chosen = compose("config", overrides)
+        for key in OmegaConf.missing_keys(chosen):
+            raise SettingsError(f"{key} must have a value, got '???'")
+        # An interpolation may name a key that neither a file nor a word gives.
+        defaults = dataclasses.asdict(checked({"algorithm": chosen.algorithm}))
+        values = OmegaConf.to_container(OmegaConf.merge(defaults, chosen), resolve=True)
     except SettingsError:
         raise
-    except (TypeError, ValueError, AttributeError) as error:  # Hydra's own, over values it does not expect
-        raise SettingsError(f"settings cannot be read from {' '.join(words)}: {error}") from None
+    except (HydraException, OmegaConfBaseException, TypeError, ValueError, AttributeError) as error:
+        raise SettingsError(readable(error, words)) from None
+    return checked(values)
 
 
-def _check_word(word: str) -> None:
-    """Raises SettingsError where Hydra would stumble or take a number for a flag."""
-    if not (match := re.fullmatch(r"([A-Za-z_][\w.]*)=(.*)", word, re.DOTALL)):
+def key_of(word: str) -> str:
+    """The key of a `key=value` word; raises SettingsError where it is none."""
+    if re.match(r"\W*hydra[./]", word):
+        raise SettingsError(f"of Hydra's own keys only hydra.run.dir=DIR may be given, got {word!r}")
+    if not (match := re.match(r"([A-Za-z_][\w.]*)=", word)):
         raise SettingsError(f"a setting must be written key=value, got {word!r}")
-    key, value = match.groups()
-    if key in GROUPS:
-        try:
-            check_name(key, value.strip("'\""), names_of(key))
-        except ValueError as error:
-            raise SettingsError(str(error)) from None
-    if key in _flags() and value.lower() not in ("true", "false") and not value.startswith("${"):
-        raise SettingsError(f"{key} must be true or false, got {value!r}")
+    return match[1]
 
 
-def settings_from_stored(stored: dict[str, Any]) -> Settings:
-    """Checked settings from what a run has stored, which is data only; raises SettingsError."""
-    schema = OmegaConf.structured(Settings)
-    learning = stored.get("learning")
-    if isinstance(learning, dict) and learning.get("average_rate") == 1:  # runs of version 0.1 hold it
-        stored = stored | {"learning": {name: learning[name] for name in learning if name != "average_rate"}}
-    _check_stored(stored, OmegaConf.to_container(schema), "")
+def _override(word: str) -> str:
+    """A word as Hydra is to see it: it chooses a file, or sets a key whether or not a file has it, for
+    whether there may be one is said by the types.
+    """
+    key = key_of(word)
+    if key not in GROUPS:
+        return f"++{word}"
     try:
-        return as_settings(OmegaConf.merge(schema, stored))
-    except OmegaConfBaseException as error:
-        raise SettingsError(f"stored settings: {readable(error)}") from None
+        check_name(key, word.partition("=")[2].strip("'\""), names_of(key))
+    except ValueError as error:
+        raise SettingsError(str(error)) from None
+    return word
 
 
-def _check_stored(value: Any, default: Any, key: str) -> None:
-    """Raises SettingsError where OmegaConf would see more than plain values, or would not name the key."""
-    if isinstance(default, dict):
-        if not isinstance(value, dict):
-            raise SettingsError(
-                f"stored settings: {key or 'all of them'} must be keys and values, got {value!r}"
-            )
-        for name, inner in value.items():
-            if name not in default:
-                near = _nearest(str(name), list(default))
-                raise SettingsError(f"stored settings: {key or 'settings'} must not hold {name!r}{near}")
-            _check_stored(inner, default[name], f"{key}.{name}".lstrip("."))
-    elif isinstance(default, list) and not isinstance(value, list):
-        raise SettingsError(f"stored settings: {key} must be a list, got {value!r}")
-    elif isinstance(default, bool) and not isinstance(value, bool):
-        raise SettingsError(f"stored settings: {key} must be true or false, got {value!r}")
-    elif key == "world.start_box" and value is not None:
-        try:
-            check_box(f"stored settings: {key}", value)
-        except ValueError as error:
-            raise SettingsError(str(error)) from None
-    elif "${" in repr(value):
-        raise SettingsError(f"stored settings: {key} must be a plain value, got {value!r}")
-
-
-def as_settings(config: Any) -> Settings:
-    """Typed and checked settings from a composed configuration; raises SettingsError."""
-    try:
-        settings = OmegaConf.to_object(config)
-    except OmegaConfBaseException as error:
-        raise SettingsError(readable(error)) from None
-    except (TypeError, ValueError, AttributeError) as error:
-        raise SettingsError(readable(error)) from None
-    assert isinstance(settings, Settings)
-    return settings
-
-
-def readable(error: Exception) -> str:
-    """Hydra's message in one line, with the nearest name for what it does not know."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    message = lines[0] if lines else type(error).__name__
-    message = message.removeprefix("Could not create instance of `Settings`: ")
+def readable(error: Exception, words: Sequence[str]) -> str:
+    """What Hydra, OmegaConf or Python says of the words, in one line."""
     if isinstance(error, OverrideParseException):
-        return f"the value cannot be read, other signs than letters need quotes, got {error.override!r}"
-    if unknown := re.search(r"Could not override '([\w.@/]+)'", message):
-        key = unknown.group(1)
-        return f"settings have no key {key!r}{_nearest(key, _keys())}"
-    if (merging := re.match(r"Error merging override (\S+?)=", message)) and error.__cause__ is not None:
-        return f"{merging.group(1)}: {str(error.__cause__).splitlines()[0]}"
-    key = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("full_key:")), None)
-    return f"{key}: {message}" if key else message
+        word = error.override.removeprefix("++")
+        return f"the value cannot be read, other signs than letters need quotes, got {word!r}"
+    reason = str(error).splitlines()[0].replace("'++", "'")
+    key = getattr(error, "full_key", None) or f"settings cannot be read from {' '.join(words)}"
+    return f"{key}: {reason}"
 
 
-def _flags() -> list[str]:
-    """Keys whose value is true or false."""
-    settings = OmegaConf.structured(Settings)
-    return [key for key in _keys() if isinstance(OmegaConf.select(settings, key), bool)]
+def settings_from_stored(stored: Any, near: Path | None = None) -> Settings:
+    """Checked settings from what a run has stored, which is data only; raises SettingsError.
+
+    Files of data that are not where they were are looked for `near` a file or a folder, and in all above it.
+    """
+    if isinstance(stored, dict) and isinstance(learning := stored.get("learning"), dict):
+        # Version 0.1 could keep a running mean of the networks; that it did not is said no more.
+        retired = {"average_rate"} if learning.get("average_rate") == 1.0 else set()
+        stored = stored | {"learning": {name: learning[name] for name in learning.keys() - retired}}
+    if near is not None and isinstance(stored, dict):
+        stored = {key: _with_data_near(key, section, near.resolve()) for key, section in stored.items()}
+    return checked(stored, "stored settings: ")
 
 
-def _nearest(name: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
-    return f"; did you mean {near[0]!r}?" if near else ""
-
-
-def _keys(node: Any = None, prefix: str = "") -> list[str]:
-    """All keys of the settings, dotted."""
-    node = OmegaConf.structured(Settings) if node is None else node
-    found = []
-    for key in node:
-        value = node._get_node(key)
-        found.append(prefix + str(key))
-        if OmegaConf.is_dict(value) and not value._is_none():
-            found += _keys(value, f"{prefix}{key}.")
+def _with_data_near(key: str, section: Any, near: Path) -> Any:
+    """A section of settings whose fields and flows have their files of data."""
+    if not isinstance(section, dict):
+        return section
+    found = dict(section)
+    for name, part in section.items():
+        if isinstance(part, dict) and isinstance(path := part.get("path"), str):
+            places = [folder / each for each in (path, Path(path).name) for folder in (near, *near.parents)]
+            try:
+                found[name] = part | {"path": located(path, part.get("sha256"), places)}
+            except (OSError, ValueError) as error:
+                raise SettingsError(f"stored settings: {key}.{name}: {error}") from None
     return found
+
+
+def settings_of(policy: str, experiment: str | None) -> Settings:
+    """Settings of an experiment, or those a trained policy's card tells of, else of linear_n4."""
+    from swarm.population.evaluation import STRATEGIES, named_policy
+
+    if experiment is not None:
+        return settings_from([f"experiment={experiment}"])
+    if policy in STRATEGIES:
+        return settings_from([])
+    if not policy.startswith(ZOO) and not Path(policy).exists():
+        named_policy(policy, World())  # raises, and suggests what may be meant
+    card = load_policy(policy).card
+    known = card.get("settings")
+    known = known if isinstance(known, dict) else {}
+    stored = {name: known[name] for name in ("world", "evaluation") if name in known}
+    stored["experiment"] = str(card.get("experiment", "own"))
+    return settings_from_stored(stored, Path(policy))
+
+
+def checked(values: Any, prefix: str = "") -> Settings:
+    """Settings of plain values; raises SettingsError that begins with `prefix`."""
+    try:
+        return TypeAdapter(Settings).validate_python(values)
+    except ValidationError as error:
+        algorithm = values.get("algorithm") if isinstance(values, dict) else None
+        raise SettingsError(prefix + line_of(error, "ppo" if algorithm == "ppo" else "dqn")) from None
+    except RecursionError:
+        raise SettingsError(f"{prefix}values must not hold one another so deeply") from None
+
+
+def line_of(error: ValidationError, algorithm: Any = "dqn") -> str:
+    """The first thing that is wrong, in a line that names the key, the rule and the value."""
+    first = error.errors(include_url=False)[0]
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
+    if first["type"] in ("unexpected_keyword_argument", "invalid_key"):
+        return unknown(key, Settings(algorithm=algorithm).dotted())
+    context, given = first.get("ctx", {}), first["input"]
+    if first["type"] == "value_error":
+        return f"{key}.{context['error']}".removeprefix(".")
+    if first["type"] == "literal_error":
+        names = [name.strip("'") for name in context["expected"].replace(" or ", ", ").split(", ")]
+        try:
+            check_name(key, given, names)
+        except (TypeError, ValueError) as named:
+            return str(named)
+    rule = RULE_OF.get(first["type"], first["msg"])
+    rule = rule.format(**{name: str(value).removesuffix(".0") for name, value in context.items()})
+    return f"{key or 'all of them'} must be {rule}, got {repr(given)[:200]}"

@@ -52,7 +52,7 @@ class Training:
             compile_step=worth_compiling(settings, decisions, WORTH_COMPILING),
             world=world,
         )
-        self.algorithm: Algorithm = ALGORITHMS["dqn"](self.env, settings)
+        self.algorithm: Algorithm = ALGORITHMS[settings.algorithm](self.env, settings)
         self.validation = Validation(world.replace(life=checked.life), checked.cells, self.seeds, device)
         self.epoch = 0
         self.decisions = 0
@@ -185,6 +185,7 @@ class Training:
             "epoch": int(self.best_epoch[place]),
             "n_records": world.n_records,
             "features": world.features,
+            "sensor": world.sensor.name,
             "n_actions": world.n_actions,
             "settings": {name: settings[name] for name in ("world", "learning", "validation", "evaluation")},
             "validation": {

@@ -5,57 +5,35 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
-from typing import TYPE_CHECKING
 
+from trainers.algorithms import ALGORITHMS
 from trainers.settings.composition import SettingsError
 from trainers.settings.schema import Settings
-
-if TYPE_CHECKING:
-    from trainers.training.loop import Training
 
 
 def check_machine(settings: Settings) -> None:
     """Raises SettingsError that names what is missing and the setting that asks for it."""
-    wanted = {"torch": "training", "tensordict": "training", "torchrl": "training"}
-    wanted |= {"tensorboard": "tensorboard=true"} if settings.tensorboard else {}
-    wanted |= {"wandb": "wandb=true"} if settings.wandb else {}
-    missing = [name for name in wanted if importlib.util.find_spec(name) is None]
-    if missing:
-        raise SettingsError(
-            f"{wanted[missing[0]]} needs {', '.join(missing)}, which is not installed: "
-            "pip install 'chemoswarm[train]' brings all but wandb"
-        )
+    for name in ("tensorboard", "wandb"):
+        if getattr(settings, name) and importlib.util.find_spec(name) is None:
+            raise SettingsError(f"{name}=true needs {name}, which is not installed: pip install {name}")
     needed, there = memory_needed(settings), _memory()
     if settings.device == "cpu" and there is not None and needed > there:
         raise SettingsError(
             f"these settings need {needed / 2**30:.3g} GiB of memory, this machine has {there / 2**30:.3g}: "
-            "lower n_seeds, learning.buffer_size, learning.n_swimmers, learning.n_worlds, "
-            "learning.batch_size or world.n_records"
+            "lower n_seeds, world.n_records, or what learning holds: buffer_size, n_swimmers, n_worlds, "
+            "batch_size"
         )
     if settings.device != "cpu":
         _check_device(settings.device)
 
 
-def prepare(settings: Settings) -> Training:
-    """A training that is ready to begin; raises SettingsError where settings or machine do not do."""
-    check_machine(settings)
-    from trainers.training.loop import Training  # imports torch, which may not be there
-
-    try:
-        return Training(settings)
-    except (TypeError, ValueError, MemoryError) as error:
-        raise SettingsError(str(error) or "there is not enough memory for these settings") from None
-
-
 def memory_needed(settings: Settings) -> int:
     """Bytes a run works with, roughly, and rather too few than too many."""
-    from trainers.algorithms import ALGORITHMS  # imports torch, which may not be there
-
     learning, world = settings.learning, settings.training_world()
-    cells = learning.n_worlds * learning.n_swimmers
-    rollout = cells * min(learning.collect or world.max_decisions, world.max_decisions)
-    seen = 8 * world.observation_size * (2 * rollout + settings.validation.cells)
-    return settings.n_seeds * (seen + ALGORITHMS["dqn"].memory_needed(settings))
+    decisions = min(learning.collect or world.max_decisions, world.max_decisions)
+    cells = 2 * decisions * learning.n_worlds * learning.n_swimmers + settings.validation.cells
+    own = ALGORITHMS[settings.algorithm].memory_needed(settings)
+    return settings.n_seeds * (8 * world.observation_size * cells + own)
 
 
 def _memory() -> int | None:

@@ -13,47 +13,79 @@ from typing import Any
 
 import numpy as np
 
+from swarm._support import provenance
 from swarm.policies.network import save_policy
-from trainers.settings.composition import settings_from_stored
+from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run_folder as runs
 from trainers.training import snapshot as snapshots
 from trainers.training.checkpoint import CheckpointError
 from trainers.training.loop import Training
-from trainers.training.machine import prepare
-from trainers.training.run_folder import RunError, RunFolder
+from trainers.training.machine import check_machine
+from trainers.training.run_folder import RunFolder
 
 Log = Callable[[list[dict[str, Any]], dict[str, Any]], None]
 Report = Callable[[Training, float], None]  # called after each epoch with the seconds it took
 
 
-class Interrupted(RunError):
+class Interrupted(KeyboardInterrupt):
     """The user stopped the run; everything is saved."""
+
+
+def prepare(settings: Settings) -> Training:
+    """A training that is ready to begin; raises SettingsError where settings or machine do not do."""
+    check_machine(settings)
+    try:
+        return Training(settings)
+    except (TypeError, ValueError, MemoryError) as error:
+        raise SettingsError(str(error) or "there is not enough memory for these settings") from None
+
+
+def begin(folder: Path, settings: Settings) -> tuple[Training, RunFolder]:
+    """A new run, whose folder is made when all else is ready; raises SettingsError or OSError."""
+    return prepare(settings), RunFolder.create(folder, settings)
+
+
+def resume(folder: Path) -> tuple[Training, RunFolder]:
+    """A run that was begun, as its settings say; raises SettingsError or RunError."""
+    run, stored = RunFolder.open(folder)
+    training = prepare(settings_from_stored(stored))
+    then, now = run.record.get("versions"), provenance.versions()
+    if isinstance(then, dict) and (changed := [name for name in now if then.get(name) != now[name]]):
+        print(
+            f"{', '.join(changed)} changed since the run began: it goes on, but not bit for bit",
+            file=sys.stderr,
+        )
+    return training, run
 
 
 def train_in(folder: Path, settings: Settings) -> None:
     """One whole run in a folder. One that was begun there goes on, with its own settings, from its newest
     checkpoint; one that is finished stays as it is.
 
-    Raises SettingsError, RunError or OSError as `prepare`, `RunFolder` and `train` do.
+    Raises what `begin`, `resume` and `train` do.
     """
-    if runs.is_run_folder(folder):
-        run, stored = RunFolder.open(folder)
-        if run.finished:
-            return
-        training = prepare(settings_from_stored(stored))
-    else:
-        training = prepare(settings)
-        run = RunFolder.create(folder, settings)
-    complete(training, run)
+    if not runs.is_run_folder(folder):
+        complete(*begin(folder, settings))
+    elif not RunFolder(folder).finished:
+        complete(*resume(folder))
 
 
 def complete(training: Training, run: RunFolder, *, report: Report | None = None) -> None:
-    """Train to the end, draw the training figure, and mark the run as finished; raises what `train` does."""
-    train(training, run, report=report)
-    draw(training, run)
-    run.mark_finished()
+    """Train to the end, draw the training figure, and mark the run as finished; raises what `train` does.
+
+    An error that a user may undo notes what is left of the run.
+    """
+    try:
+        train(training, run, report=report)
+        draw(training, run)
+        run.mark_finished()
+    except (OSError, MemoryError, KeyboardInterrupt) as error:
+        if not isinstance(error, Interrupted):
+            error.add_note("what was saved before is kept")
+        error.add_note(f"to go on: swarm train resume={run.path}")
+        raise
 
 
 def train(training: Training, run: RunFolder, *, report: Report | None = None) -> None:
@@ -76,9 +108,7 @@ def train(training: Training, run: RunFolder, *, report: Report | None = None) -
                 if report is not None:
                     report(training, seconds)
                 if stopping:
-                    raise Interrupted(
-                        f"stopped after epoch {training.epoch}; to go on: swarm train resume={run.path}"
-                    )
+                    raise Interrupted(f"stopped after epoch {training.epoch}")
         save_policies(training, run)
 
 
@@ -161,6 +191,15 @@ def draw(training: Training, run: RunFolder) -> None:
     figures.save(figure, run.path / runs.FIGURE)
 
 
+def standing(training: Training) -> str:
+    """The gain in validation, now and at best."""
+    gain, fraction = (training.measure(name)[-1].mean() for name in ("gain", "fraction_of_limit"))
+    text = f"gain {gain:.2f}" if gain == gain else ""  # NaN where none was due
+    text += f" = {100 * fraction:.1f}% of the limit" if fraction == fraction else ""
+    best = training.best_gain.mean()
+    return f"{text}  best {best:.2f}  ".lstrip() if best > -float("inf") else text
+
+
 @contextmanager
 def _interruptible() -> Iterator[Callable[[], bool]]:
     """Within, the first Ctrl-C or SIGTERM only asks to stop after the epoch; the second one stops at once."""
@@ -168,7 +207,7 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
 
     def ask(number: int, frame: Any) -> None:
         if asked:
-            raise KeyboardInterrupt
+            raise KeyboardInterrupt("stopped at once")
         asked.append(number)
 
     previous = {}

@@ -1,19 +1,17 @@
 """Flows of the surrounding water: velocity and spin at a position."""
 
-from swarm.physics.flows.analytic import (
-    Flow,
-    FunctionFlow,
-    PoiseuilleFlow,
-    ShearFlow,
-    StillWater,
-    TaylorGreen,
-    UniformFlow,
-    Vortex,
-)
+from swarm.physics.flows.flow import FLOWS, Flow
+from swarm.physics.flows.function import FunctionFlow
+from swarm.physics.flows.gridded import GriddedFlow
+from swarm.physics.flows.parallel import PoiseuilleFlow, ShearFlow, UniformFlow
+from swarm.physics.flows.still import StillWater
+from swarm.physics.flows.vortices import TaylorGreen, Vortex
 
 __all__ = [
+    "FLOWS",
     "Flow",
     "FunctionFlow",
+    "GriddedFlow",
     "PoiseuilleFlow",
     "ShearFlow",
     "StillWater",

@@ -1,22 +1,19 @@
 """Tensor-product splines through values on a regular grid, on any array library.
 
 Linear splines are exact to second order in the spacing. Cubic ones are B-splines: twice continuously
-differentiable, exact to fourth order, their derivatives to third. What they need is computed once, in float64
-NumPy.
+differentiable, exact to fourth order, their derivatives to third. Control values are found once, in float64
+by SciPy.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from swarm._support.arrays import as_array, namespace
-
-Array = Any
+from swarm._support.arrays import Array, as_array, namespace
 
 DEGREES = {"linear": 1, "cubic": 3}
 MIN_POINTS = {"linear": 2, "cubic": 4}
@@ -55,18 +52,18 @@ class Spline:
 
     def _coefficients(self, values: np.ndarray) -> np.ndarray:
         """Control values, with those beyond the edges that the basis functions reach."""
-        before, after = (0, 1) if self.degree == 1 else (1, 2)
-        if self.lattice.periodic:
-            if self.degree == 3:
-                values = _periodic_control(_periodic_control(values, 1), 2)
-            return np.pad(values, [(0, 0), (before, after), (before, after)], mode="wrap")
-        return values if self.degree == 1 else _clamped_control(_clamped_control(values, 1), 2)
+        if self.degree == 3:
+            control = _periodic_control if self.lattice.periodic else _clamped_control
+            values = control(control(values, 1), 2)
+        if not self.lattice.periodic:
+            return values
+        beyond = (0, 1) if self.degree == 1 else (1, 2)
+        return np.pad(values, [(0, 0), beyond, beyond], mode="wrap")
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_tables": {}}
 
-    # --- evaluation
-    # ------------------------------------------------------------------------------------------
+    # --- evaluation -----------------------------------------------------------------------------------------
 
     def __call__(self, x: Array, y: Array) -> tuple[Array, ...]:
         """Each quantity (...) at the places (x, y)."""
@@ -120,21 +117,16 @@ class Spline:
         else:
             steps = xp.clip(steps, 0.0, float(points - 1))
             last = points - 2
-        cell = xp.clip(
-            xp.floor(steps), 0.0, float(last)
-        )  # rounding may put a place on the end of the last cell
+        # rounding may put a place on the end of the last cell
+        cell = xp.clip(xp.floor(steps), 0.0, float(last))
         return xp.astype(cell, xp.int32), steps - cell
 
     def _weights(self, t: Array) -> list[Array]:
         if self.degree == 1:
             return [1 - t, t]
         s, square, cube = 1 - t, t * t, t * t * t
-        return [
-            s * s * s * (1 / 6),
-            0.5 * cube - square + 2 / 3,
-            0.5 * (square + t - cube) + 1 / 6,
-            cube * (1 / 6),
-        ]
+        middle = [0.5 * cube - square + 2 / 3, 0.5 * (square + t - cube) + 1 / 6]
+        return [s * s * s * (1 / 6), *middle, cube * (1 / 6)]
 
     def _slopes(self, t: Array, axis: int) -> list[Array]:
         """Derivatives of the weights by the coordinate."""
@@ -143,15 +135,10 @@ class Spline:
             one = namespace(t).ones_like(t)
             return [-per * one, per * one]
         s, square = 1 - t, t * t
-        return [
-            (-0.5 * per) * s * s,
-            per * (1.5 * square - 2 * t),
-            per * (0.5 + t - 1.5 * square),
-            (0.5 * per) * square,
-        ]
+        middle = [per * (1.5 * square - 2 * t), per * (0.5 + t - 1.5 * square)]
+        return [(-0.5 * per) * s * s, *middle, (0.5 * per) * square]
 
-    # --- bounds
-    # ----------------------------------------------------------------------------------------------
+    # --- bounds ---------------------------------------------------------------------------------------------
 
     def bounds(self, *, of: Callable[[np.ndarray], np.ndarray] = np.abs) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (quantities,) of the values, by default of their size, and (quantities, 2) of the slopes'
@@ -185,12 +172,8 @@ class Spline:
 
     def at_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """`with_slopes` at the lattice's own points, (quantities, nx, ny) each."""
-        x, y = (
-            start + step * np.arange(points)
-            for start, step, points in zip(
-                self.lattice.origin, self.lattice.spacing, self.lattice.shape, strict=True
-            )
-        )
+        start, step, points = self.lattice.origin, self.lattice.spacing, self.lattice.shape
+        x, y = (start[axis] + step[axis] * np.arange(points[axis]) for axis in (0, 1))
         parts = [self.with_slopes(np.full_like(y, place), y) for place in x]  # line by line, to spare memory
         values, slope_x, slope_y = (np.stack(lines, axis=1) for lines in zip(*parts, strict=True))
         return values, slope_x, slope_y
@@ -206,34 +189,23 @@ def _weighted(patch: Array, weights: list[Array], axis: int) -> Array:
 
 
 def _periodic_control(values: np.ndarray, axis: int) -> np.ndarray:
-    """Control values of a periodic cubic B-spline: (c_{i−1} + 4c_i + c_{i+1})/6 = v_i on a ring."""
-    points = values.shape[axis]
-    response = (4 + 2 * np.cos(2 * math.pi * np.arange(points // 2 + 1) / points)) / 6
-    shape = [1] * values.ndim
-    shape[axis] = -1
-    return np.fft.irfft(np.fft.rfft(values, axis=axis) / response.reshape(shape), points, axis)
+    """Control values c of a cubic B-spline on a ring: (c_{i−1} + 4c_i + c_{i+1})/6 = v_i."""
+    from scipy.ndimage import spline_filter1d
+
+    return spline_filter1d(values, 3, axis, mode="grid-wrap")
 
 
 def _clamped_control(values: np.ndarray, axis: int) -> np.ndarray:
-    """Control values c_{−1} … c_n of a cubic B-spline whose first two and last two pieces are one cubic each.
+    """Control values c_{−1} … c_n of the cubic B-spline whose first two and last two pieces are one cubic
+    each: that end condition ("not a knot") keeps the order of the interior up to the edges.
 
-    That end condition ("not a knot") keeps the order of the interior up to the edges, and gives c_1 and
-    c_{n−2} at once; the others follow from a tridiagonal system.
+    SciPy's spline has its knots elsewhere; on evenly spaced ones c_i is v_i less a sixth of the second
+    derivative.
     """
+    from scipy.interpolate import make_interp_spline
+
     v = np.moveaxis(values, axis, 0)
-    n = len(v)
-    c = np.empty((n + 2, *v.shape[1:]))  # c[i + 1] belongs to point i
-    c[2] = (8 * v[1] - v[0] - v[2]) / 6
-    c[n - 1] = (8 * v[n - 2] - v[n - 1] - v[n - 3]) / 6
-    # interior points 2 … n − 3: eliminate upwards, substitute back
-    right = [c[2]]
-    factor = [0.0]
-    for i in range(2, n - 2):
-        pivot = 1 / (4 - factor[-1])
-        right.append((6 * v[i] - right[-1]) * pivot)
-        factor.append(pivot)
-    for i in range(n - 3, 1, -1):
-        c[i + 1] = right[i - 1] - factor[i - 1] * c[i + 2]
-    c[1], c[n] = 6 * v[1] - 4 * c[2] - c[3], 6 * v[n - 2] - 4 * c[n - 1] - c[n - 2]
-    c[0], c[n + 1] = 6 * v[0] - 4 * c[1] - c[2], 6 * v[n - 1] - 4 * c[n] - c[n - 1]
-    return np.moveaxis(c, 0, axis)
+    places = np.arange(len(v))
+    c = v - make_interp_spline(places, v)(places, 2) / 6
+    first, last = 6 * v[:1] - 4 * c[:1] - c[1:2], 6 * v[-1:] - 4 * c[-1:] - c[-2:-1]
+    return np.moveaxis(np.concatenate([first, c, last]), 0, axis)

@@ -1,0 +1,125 @@
+"""What torch's compiler needs: arrays in pieces, and code that goes on where there is no compiler.
+
+Compiled loops over (nodes, cells) write every intermediate result to memory; over one node after the other
+they keep it in a register, which is several times as fast. So arrays are taken apart while torch compiles.
+"""
+
+from __future__ import annotations
+
+import operator
+import sys
+import types
+from collections.abc import Callable
+from typing import Any
+
+Array = Any
+
+
+class Pieces:
+    """An array in pieces along its first axis: arrays, or further pieces.
+
+    What it is added to or multiplied by goes with every piece, unless it is in pieces too.
+    """
+
+    def __init__(self, pieces: tuple[Any, ...]) -> None:
+        self.pieces = pieces
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of pieces."""
+        return (len(self.pieces),)
+
+    def __getitem__(self, key: tuple[Any, ...]) -> Any:
+        """As of the array; a key must end in `...`."""
+        first, *rest = key
+        if first is Ellipsis:
+            return self
+        if isinstance(first, slice):
+            return Pieces(tuple(piece[tuple(rest)] for piece in self.pieces[first]))
+        return self.pieces[first][tuple(rest)]
+
+    def __add__(self, other: Any) -> Pieces:
+        return _each(operator.add, self, other)
+
+    def __sub__(self, other: Any) -> Pieces:
+        return _each(operator.sub, self, other)
+
+    def __mul__(self, other: Any) -> Pieces:
+        return _each(operator.mul, self, other)
+
+
+class Functions:
+    """Functions of an array library for arrays in pieces."""
+
+    def __init__(self, namespace: Any) -> None:
+        self.sin: Callable[[Pieces], Pieces] = lambda angle: _each(namespace.sin, angle)
+        self.cos: Callable[[Pieces], Pieces] = lambda angle: _each(namespace.cos, angle)
+
+
+def unrolled(array: Array, axes: int) -> Any:
+    """`array` as it is, or while torch compiles in pieces along its first `axes` axes."""
+    return in_pieces(array, axes) if compiling(array) else array
+
+
+def in_pieces(array: Array, axes: int) -> Any:
+    """`array` in pieces along its first `axes` axes."""
+    if axes == 0:
+        return array
+    return Pieces(tuple(in_pieces(array[i, ...], axes - 1) for i in range(array.shape[0])))
+
+
+def by_piece(function: Callable[..., tuple[Array, ...]], *arrays: Any) -> tuple[Any, ...]:
+    """What a function of arrays returns, found piece by piece where they are in pieces."""
+    if not isinstance(arrays[0], Pieces):
+        return function(*arrays)
+    columns = zip(*map(function, *(array.pieces for array in arrays)), strict=True)
+    return tuple(Pieces(column) for column in columns)
+
+
+def _each(function: Callable[..., Array], *operands: Any) -> Any:
+    count = next((len(each.pieces) for each in operands if isinstance(each, Pieces)), None)
+    if count is None:
+        return function(*operands)
+    columns = (each.pieces if isinstance(each, Pieces) else (each,) * count for each in operands)
+    return Pieces(tuple(_each(function, *parts) for parts in zip(*columns, strict=True)))
+
+
+def compiling(array: Array) -> bool:
+    """Whether torch is compiling what is done to `array`."""
+    if type(array).__module__ != "torch":
+        return False
+    import torch
+
+    return torch.compiler.is_compiling()
+
+
+def compiled(function: Callable[..., Any], *first: Any) -> Callable[..., Any]:
+    """`function` with its first arguments, compiled by torch; as it is, with one line said, where that fails.
+
+    Every call gives what the same code gives: compiled and plain code may round differently.
+    """
+    import torch
+
+    # A copy with code of its own: torch counts how often it compiles a code, and gives up after some times.
+    own = types.FunctionType(function.__code__.replace(), function.__globals__, function.__name__)
+    fast = torch.compile(own, fullgraph=True, dynamic=False)
+    chosen: list[Callable[..., Any]] = []
+
+    def call(*further: Any) -> Any:
+        arguments = (*first, *further)
+        if chosen:
+            return chosen[0](*arguments)
+        result = function(*arguments)  # fills the tables that the compiled code takes as given
+        try:
+            result = fast(*arguments)
+            chosen.append(fast)
+        except Exception as error:  # no compiler, no headers, an unsupported platform: all end here
+            reason = (str(error).splitlines() or [""])[0][:120]
+            print(
+                f"torch.compile does not work here, going on without: {type(error).__name__}: {reason}",
+                file=sys.stderr,
+            )
+            chosen.append(function)
+        return result
+
+    return call

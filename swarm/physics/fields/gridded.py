@@ -1,0 +1,61 @@
+"""Fields from data on a regular grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from swarm._support.arrays import Array
+from swarm._support.checks import check_number, check_point
+from swarm.physics.fields.field import FIELDS
+from swarm.physics.grids.grid import check_units, read_grid
+from swarm.physics.grids.interpolant import Interpolant
+
+
+@FIELDS.register("gridded", data="path")
+class GriddedField(Interpolant):
+    """A concentration field interpolated from values on a regular grid with coordinates x and y: an xarray
+    Dataset or DataArray, or a NetCDF-4 file.
+
+    `edges` says what lies beyond the grid: "periodic", it repeats one spacing after its last point;
+    "clamped", it ends there, and a cell that leaves is truncated. `interpolation` is "cubic" (smooth, fourth
+    order) or "linear" (second). Without a `gradient_scale` c_k is measured: the root mean square of |∇c| over
+    the grid. `variable` may be left out where the data hold only one. `sha256` and `shape`, as runs and
+    results record them, must be those of the file and its grid. Raises TypeError, ValueError or OSError that
+    names the variable, the rule and the value.
+    """
+
+    def __init__(
+        self,
+        data: Any,
+        *,
+        edges: str,
+        interpolation: str = "cubic",
+        variable: str | None = None,
+        gradient_scale: float | None = None,
+        egg_position: tuple[float, float] = (0.0, 0.0),
+        egg_radius: float | None = None,
+        sha256: str | None = None,
+        shape: Sequence[int] | None = None,
+    ) -> None:
+        names = None if variable is None else [variable]
+        grid = read_grid(data, names, edges=edges, interpolation=interpolation, sha256=sha256)
+        super().__init__(grid, edges, interpolation, shape)
+        self.length_unit = check_units(grid.units)
+        if gradient_scale is None:
+            _, slope_x, slope_y = self.spline.at_points()
+            gradient_scale = float(np.sqrt(np.mean(slope_x**2 + slope_y**2)))
+            if not gradient_scale > 0:
+                raise ValueError("gradient_scale must be given where the field has no gradient, got None")
+        self.gradient_scale = check_number("gradient_scale", gradient_scale, above=0.0)
+        _, slopes = self.spline.bounds()
+        self.max_gradient = float(np.hypot(*slopes[0]))
+        self.egg_position = check_point("egg_position", egg_position)
+        self.egg_radius = None if egg_radius is None else check_number("egg_radius", egg_radius, above=0.0)
+        self._numbers = {"variable": grid.names[0], "gradient_scale": self.gradient_scale}
+        self._numbers |= {"egg_position": self.egg_position, "egg_radius": self.egg_radius}
+
+    def concentration(self, position: Array) -> Array:
+        return self.spline(position[..., 0], position[..., 1])[0]

@@ -1,0 +1,119 @@
+"""The arc: what a cell swims in still water, exactly, and how near it comes to a point.
+
+An arc is written in the cell's own frame as a *motion*: where it ends and where the cell heads then. Motions
+depend on the action alone, so they are tabulated; laying one down at a pose takes no transcendental function.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from swarm._support.arrays import as_array, join, namespace
+
+Array = Any
+
+
+class Pose(NamedTuple):
+    """Where cells are and where they head."""
+
+    position: Array  # (..., cells, 2) [length]
+    heading: Array  # (..., cells, 2) unit vector (cos θ, sin θ), θ counter-clockwise from +x
+
+
+class Motion(NamedTuple):
+    """An arc as its swimmer sees it: two vectors, the chord [length] and then the heading at the end."""
+
+    ahead: Array  # (2, ...) their components along the heading at the start
+    aside: Array  # (2, ...) their components to the left of it
+
+
+def arc(curvature: Array, speed: Array, duration: Array) -> Motion:
+    """Motion (...) along an arc; exact for any curvature.
+
+    Shapes broadcast; a negative duration runs the path backwards.
+    """
+    xp = namespace(curvature)
+    length = speed * duration
+    half = 0.5 * (curvature * length)  # half of the turn [rad]
+    sine, cosine = xp.sin(half), xp.cos(half)
+    straight = xp.abs(half) < 1e-5  # there sin(h)/h is 1 to rounding
+    chord = length * xp.where(
+        straight, xp.ones_like(half), sine / xp.where(straight, xp.ones_like(half), half)
+    )
+    return Motion(
+        xp.stack([chord * cosine, 1 - 2 * sine * sine]), xp.stack([chord * sine, 2 * sine * cosine])
+    )
+
+
+# Vectors are worked on by component: array libraries are slow on last axes of two.
+
+
+def components(vector: Array) -> tuple[Array, Array]:
+    """x and y (...) of vectors (..., 2)."""
+    return vector[..., 0], vector[..., 1]
+
+
+def left_of(vector: Array) -> Array:
+    """The vector (..., 2) turned by +90°."""
+    x, y = components(vector)
+    return join(-y, x)
+
+
+def turned(vector: tuple[Array, Array], cosine: Array, sine: Array) -> tuple[Array, Array]:
+    """Components of a vector turned counter-clockwise by an angle; longer where cosine and sine are."""
+    x, y = vector
+    return cosine * x - sine * y, cosine * y + sine * x
+
+
+def unit(x: Array, y: Array) -> Array:
+    """Vectors (..., 2) of nearly unit length, scaled to it.
+
+    One Newton step of 1/sqrt: rounding errors of the length do not pile up, in float32 either.
+    """
+    scale = 1.5 - 0.5 * (x * x + y * y)
+    return join(x * scale, y * scale)
+
+
+def along_arc(pose: Pose, motion: Motion) -> Pose:
+    """The pose after a motion (..., cells) in still water."""
+    x, y = turned(components(pose.heading), *motion)
+    return Pose(join(x[0, ...], y[0, ...]) + pose.position, unit(x[1, ...], y[1, ...]))
+
+
+def centre_of_curvature(pose: Pose, curvature: Array) -> Array:
+    """Centre (..., 2) of the circle a cell swims on: r + n/κ."""
+    return pose.position + left_of(pose.heading) / curvature[..., None]
+
+
+def length_of(vector: Array) -> Array:
+    """Length (...) of vectors (..., 2)."""
+    return (vector[..., 0] ** 2 + vector[..., 1] ** 2) ** 0.5
+
+
+def closest_approach(pose: Pose, curvature: Array, length: Array, point: tuple[float, float]) -> Array:
+    """Smallest distance (...) of an arc from `point`, in closed form, for any curvature and `length` >= 0."""
+    xp = namespace(pose.position)
+    start = pose.position - as_array(np.asarray(point), pose.position)  # seen from the point
+    turn = xp.abs(curvature * length)
+    # Where the arc is too straight for its centre to be told apart from infinity, it is a line to rounding.
+    straight = turn < (8 * float(xp.finfo(turn.dtype).eps)) ** 0.5
+    forward = -(start[..., 0] * pose.heading[..., 0] + start[..., 1] * pose.heading[..., 1])
+    reach = xp.where(forward < 0, xp.zeros_like(forward), xp.where(forward > length, length, forward))
+    to_line = length_of(start + reach[..., None] * pose.heading)
+    curvature = xp.where(straight, xp.ones_like(curvature), curvature)
+    side, radius = xp.sign(curvature), 1 / xp.abs(curvature)
+    outward = -left_of(pose.heading) * side[..., None]  # from the centre to the cell, unit length
+    centre = start - outward * radius[..., None]
+    # angle from the cell's place on the circle to the place nearest to the point, in the sense of swimming
+    cross = side * (outward[..., 1] * centre[..., 0] - outward[..., 0] * centre[..., 1])
+    dot = outward[..., 0] * centre[..., 0] + outward[..., 1] * centre[..., 1]
+    angle = xp.atan2(cross, -dot)
+    angle = xp.where(angle < 0, angle + 2 * math.pi, angle)
+    cosine, sine = xp.cos(turn)[..., None], xp.sin(turn)[..., None]
+    end = centre + (outward * cosine + pose.heading * sine) * radius[..., None]
+    at_ends = xp.minimum(length_of(start), length_of(end))
+    to_arc = xp.where(angle <= turn, xp.abs(length_of(centre) - radius), at_ends)
+    return xp.where(straight, to_line, to_arc)

@@ -1,0 +1,67 @@
+"""A policy: what chooses the next action of every cell, with or without a state of its own."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+from swarm.physics.world import State, World
+
+Array = Any
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """Maps a state to actions and keeps nothing: the same state and random numbers give the same actions, on
+    any array library and with any leading axes.
+    """
+
+    def act(self, world: World, state: State, uniform: Array) -> Array:
+        """Whole numbers 0 … m − 1 (..., cells).
+
+        `uniform` (..., cells) in [0, 1) is each cell's own random number for this decision; policies that
+        leave nothing to chance ignore it, and then it may be None.
+        """
+        ...
+
+
+@runtime_checkable
+class CarryingPolicy(Protocol):
+    """A policy with a state of its own, the carry, which goes from decision to decision beside the world's.
+
+    The policy itself stays as it is: one policy may steer several populations at once.
+    """
+
+    def begin(self, world: World, state: State) -> Any:
+        """The carry at the start of the cells' lives, of any kind."""
+        ...
+
+    def act_carrying(self, world: World, state: State, uniform: Array, carry: Any) -> tuple[Array, Any]:
+        """Actions as of `Policy.act`, and the carry for the next decision."""
+        ...
+
+
+AnyPolicy = Policy | CarryingPolicy
+
+
+def check_policy(name: str, policy: Any) -> None:
+    """Raises TypeError unless `policy` can choose actions."""
+    methods = ("begin", "act_carrying") if hasattr(policy, "act_carrying") else ("act",)
+    if not all(callable(getattr(policy, method, None)) for method in methods):
+        raise TypeError(
+            f"policy {name!r} must have act(world, state, uniform), or begin(world, state) and "
+            f"act_carrying(world, state, uniform, carry), got {policy!r}"
+        )
+
+
+def begin(policy: AnyPolicy, world: World, state: State) -> Any:
+    """What the policy carries into its first decision; None where it keeps nothing."""
+    return policy.begin(world, state) if isinstance(policy, CarryingPolicy) else None
+
+
+def decide(
+    policy: AnyPolicy, world: World, state: State, uniform: Array, carry: Any = None
+) -> tuple[Array, Any]:
+    """Actions (..., cells) of a policy of either kind, and what it carries on."""
+    if isinstance(policy, CarryingPolicy):
+        return policy.act_carrying(world, state, uniform, carry)
+    return policy.act(world, state, uniform), carry

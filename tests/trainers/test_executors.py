@@ -1,0 +1,96 @@
+"""Work in processes of its own: results, crashes, interruption, and no process left behind."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from trainers.jobs.executors import Task, executor_for, run_tasks
+
+
+def run(workers, *pieces):
+    """Results of pieces of work (do, argument, …)."""
+    tasks = [Task(str(place), do, arguments) for place, (do, *arguments) in enumerate(pieces)]
+    return run_tasks(tasks, executor_for(workers), title="")
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_results_come_in_the_order_of_the_tasks(workers):
+    assert run(workers, (math.sqrt, 9.0), (max, 1, 2), (str, 5)) == [3.0, 2, "5"]
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_task_that_fails_does_not_stop_the_others(workers, capsys):
+    failed, done = run(workers, (math.sqrt, -1.0), (math.sqrt, 4.0))
+    assert isinstance(failed, ValueError)
+    assert done == 2.0
+    assert "0 failed: math domain error" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("death", [(os._exit, 7), (signal.raise_signal, signal.SIGKILL)])
+def test_a_process_that_is_killed_takes_no_other_with_it(death):
+    died, done, waited = run(2, death, (time.sleep, 1.0), (math.sqrt, 4.0))
+    assert isinstance(died, RuntimeError)
+    assert "its process was stopped" in str(died)
+    assert (done, waited) == (None, 2.0)
+
+
+def test_workers_compute_with_one_thread_each():
+    assert run(1, (os.getenv, "OMP_NUM_THREADS")) == [os.environ.get("OMP_NUM_THREADS", "1")]
+
+
+def test_the_longest_task_is_begun_first():
+    begun = []
+    tasks = [Task("", begun.append, (seconds,), seconds) for seconds in (1.0, 3.0, 2.0)]
+    run_tasks(tasks, executor_for(0), title="")
+    assert begun == [3.0, 2.0, 1.0]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_ends_every_process_and_says_how_to_go_on(number):
+    threading.Timer(1.5, os.kill, (os.getpid(), number)).start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt, match="goes on from there"):
+        run(2, *[(time.sleep, 60)] * 4)
+    assert time.monotonic() - began < 30
+    assert not multiprocessing.active_children()
+
+
+def test_a_process_ends_with_its_parent(tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(
+        "import time\n"
+        "from trainers.jobs.executors import Task, executor_for, run_tasks\n"
+        "def work():\n"
+        "    import os, pathlib\n"
+        f"    pathlib.Path({str(tmp_path / 'pid')!r}).write_text(str(os.getpid()))\n"
+        "    time.sleep(60)\n"
+        "if __name__ == '__main__':\n"
+        "    run_tasks([Task('', work, ())], executor_for(1), title='')\n"
+    )
+    parent = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 30
+    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    child = int((tmp_path / "pid").read_text())
+    parent.kill()
+    parent.wait()
+    while time.monotonic() < deadline:
+        try:
+            os.kill(child, 0)
+        except ProcessLookupError:
+            return
+        with open(f"/proc/{child}/stat") as file:  # nobody may be there to take note of its end
+            if file.read().split()[2] == "Z":
+                return
+        time.sleep(0.05)
+    pytest.fail("the process outlived its parent")

@@ -1,0 +1,153 @@
+"""Where tasks run: here, or in processes of their own; all through the interface of `concurrent.futures`.
+
+Nothing heavy is imported here, so that a process begins with its number of threads set.
+"""
+
+from __future__ import annotations
+
+import functools
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+from trainers.jobs.terminal import Progress
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+GRACE = 60.0  # [s] a process whose parent is gone has to save what it was doing
+
+
+class Task(NamedTuple):
+    """A piece of work: `do(*arguments)`, both of which may go to another process."""
+
+    label: str
+    do: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    seconds: float = 1.0  # expected; only their ratios matter
+    part_done: Callable[[], float] = float  # in [0, 1], while it is worked on
+
+
+def run_tasks(tasks: Sequence[Task], executor: Executor, *, title: str) -> list[Any]:
+    """Results of all tasks, or the exceptions they ended with; the longest are begun first.
+
+    Raises KeyboardInterrupt after Ctrl-C or SIGTERM, once what runs has saved and ended.
+    """
+    futures: dict[int, Future] = {}
+
+    def ended(place: int, future: Future) -> None:
+        if not future.cancelled():
+            ending = f"failed: {future.exception()}" if future.exception() else "done"
+            count = sum(each.done() for each in [*futures.values()])
+            bar.say(f"{title} {count}/{len(tasks)}: {tasks[place].label} {ending}")
+
+    def seconds_done() -> float:
+        done = {place for place, future in futures.items() if future.done()}
+        return sum(
+            task.seconds * (1.0 if place in done else task.part_done()) for place, task in enumerate(tasks)
+        )
+
+    whole = sum(task.seconds for task in tasks)
+    with Progress(title, whole, seconds_done()) as bar, executor, _termination_interrupts():
+        try:
+            for place in sorted(range(len(tasks)), key=lambda place: -tasks[place].seconds):
+                futures[place] = executor.submit(tasks[place].do, *tasks[place].arguments)
+                futures[place].add_done_callback(functools.partial(ended, place))
+            while wait(futures.values(), timeout=1.0).not_done:
+                bar.show(seconds_done(), text=f"{sum(f.done() for f in futures.values())}/{len(tasks)}")
+        except KeyboardInterrupt:
+            executor.shutdown(cancel_futures=True)
+            raise KeyboardInterrupt(
+                "stopped; what was done is kept, and the same command goes on from there"
+            ) from None
+    return [futures[place].exception() or futures[place].result() for place in range(len(tasks))]
+
+
+class InProcess(Executor):
+    """Does each task at once, here."""
+
+    def submit(self, do: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future:
+        """The outcome of `do(*arguments, **options)`, which is done when this returns."""
+        future: Future = Future()
+        try:
+            future.set_result(do(*arguments, **options))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Processes(Executor):
+    """Each task in a process of its own, `workers` at a time: one that is killed takes no other with it."""
+
+    def __init__(self, workers: int) -> None:
+        self._threads = ThreadPoolExecutor(workers)  # each of them waits for a process
+        self._gate, self._stopped = threading.Lock(), False
+
+    def submit(self, do: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future:
+        """The future outcome of `do(*arguments, **options)`."""
+        return self._threads.submit(self._alone, do, arguments, options)
+
+    def _alone(self, do: Callable[..., Any], arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(1, mp_context=context, initializer=_begin) as process:
+            with self._gate:  # no process begins once they have been asked to end
+                if self._stopped:
+                    raise RuntimeError("it was not begun")
+                future = process.submit(do, *arguments, **options)
+            try:
+                return future.result()
+            except (BrokenExecutor, KeyboardInterrupt):
+                raise RuntimeError("its process was stopped, perhaps because memory ran out") from None
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Wait for what runs; with `cancel_futures`, begin nothing more and ask what runs to save and end."""
+        if cancel_futures:
+            with self._gate:
+                self._stopped = True
+            for process in multiprocessing.active_children():
+                process.terminate()
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+
+
+def executor_for(workers: int) -> Executor:
+    """Processes, so many at once; with 0, none but this one."""
+    return Processes(workers) if workers else InProcess()
+
+
+def _begin() -> None:
+    """In a process of its own: Ctrl-C goes to the parent alone, which passes it on."""
+    os.setpgid(0, 0)
+    os.environ.update(ONE_THREAD | os.environ)
+    threading.Thread(target=_follow_parent, daemon=True).start()
+
+
+def _follow_parent() -> None:
+    """A process does not outlive its parent for long."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    while True:  # the first asks a training to save and stop, the next ends whatever is left
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(GRACE)
+
+
+@contextmanager
+def _termination_interrupts() -> Iterator[None]:
+    """Within, SIGTERM is like Ctrl-C."""
+
+    def interrupt(number: int, frame: Any) -> None:
+        raise KeyboardInterrupt
+
+    try:
+        previous = signal.signal(signal.SIGTERM, interrupt)
+    except ValueError:  # not in the main thread
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)
