@@ -1,1 +1,6 @@
-"""Learning algorithms: TorchRL's parts put together."""
+"""Ways to learn: what the training loop needs of one (`base`), and those there are."""
+
+from trainers.algorithms.base import Algorithm
+from trainers.algorithms.dqn import DQN
+
+ALGORITHMS: dict[str, type[Algorithm]] = {"dqn": DQN}

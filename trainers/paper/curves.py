@@ -17,6 +17,7 @@ from trainers.settings.schema import Settings
 from trainers.training import run_folder as runs
 from trainers.training.run_folder import RunError, RunFolder
 
+COLUMNS = ("training_gain", "gain", "fraction_of_limit")  # of metrics.csv, those that are read
 BLOCKS = 100  # most points of a curve of training cells
 
 
@@ -35,17 +36,14 @@ Curves = Mapping[tuple[str, str], TrainingCurve]  # by recipe and experiment
 
 
 def metrics(run: RunFolder, settings: Settings) -> dict[str, np.ndarray]:
-    """Columns (seeds, epochs) of a finished run's metrics; NaN where a column has no number.
+    """The `COLUMNS` (seeds, epochs) of a finished run's metrics; NaN where a column has no number.
 
     Raises RunError unless there is a row of numbers for every seed and epoch.
     """
     rows, path = run.rows(runs.METRICS), run.path / runs.METRICS
     try:
         by_seed = [[row for row in rows if int(row["seed"]) == seed] for seed in settings.seeds]
-        found = {
-            name: [[float(row[name] or "nan") for row in one] for one in by_seed]
-            for name in runs.METRIC_COLUMNS[2:]
-        }
+        found = {name: [[float(row[name] or "nan") for row in one] for one in by_seed] for name in COLUMNS}
     except (KeyError, ValueError) as error:
         raise RunError(f"{path} must hold numbers in the columns of a run's metrics, got {error}") from None
     lengths = [len(one) for one in by_seed]

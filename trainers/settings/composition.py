@@ -119,6 +119,10 @@ def settings_from_stored(stored: Any, near: Path | None = None) -> Settings:
     Files of data that are not where they were, seen from the current folder, are looked for in the folder
     that the run `near` was begun in, and `near` it: there, and in all folders above.
     """
+    if isinstance(stored, dict) and isinstance(learning := stored.get("learning"), dict):
+        # Version 0.1 could keep a running mean of the networks; that it did not is said no more.
+        retired = {"average_rate"} if learning.get("average_rate") == 1.0 else set()
+        stored = stored | {"learning": {name: learning[name] for name in learning.keys() - retired}}
     if near is not None and isinstance(stored, dict):
         folders = [*_begun_in(near), near.resolve(), *near.resolve().parents]
         stored = {key: _with_data(key, section, folders) for key, section in stored.items()}

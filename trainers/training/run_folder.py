@@ -25,20 +25,6 @@ POLICY, FIGURE, CHECKPOINTS = "policy.safetensors", "training.png", "checkpoints
 LOCK = ".lock"
 MAX_TEXT = 2**18  # [bytes] of settings and provenance
 
-# What the columns of metrics.csv mean is defined where they are computed: `training.Training._measure`.
-METRIC_COLUMNS = (
-    "epoch",
-    "seed",
-    "training_gain",
-    "loss",
-    "q_mean",
-    "epsilon",
-    "learning_rate",
-    "decisions",
-    "updates",
-    "gain",
-    "fraction_of_limit",
-)
 TIMING_COLUMNS = ("epoch", "seconds", "decisions_per_second", "updates_per_second")
 
 
