@@ -15,7 +15,7 @@ from torchrl.objectives import DQNLoss, SoftUpdate
 from trainers.algorithms.dqn import Learner, dqn_loss
 from trainers.algorithms.q_network import QNetwork
 from trainers.algorithms.transitions import Transitions
-from trainers.settings.schema import LearningSettings
+from trainers.settings.learning import DQNSettings
 
 SIZES = (8, 24, 24, 2)
 ROWS = 64
@@ -218,7 +218,7 @@ def test_transitions_come_out_of_their_rows_as_they_went_in(shape):
 
 
 def settings_of(**changes):
-    defaults = LearningSettings(batch_size=16, buffer_size=60, updates=2, hidden=[12, 12], learning_rate=0.01)
+    defaults = DQNSettings(batch_size=16, buffer_size=60, updates=2, hidden=[12, 12], learning_rate=0.01)
     return dataclasses.replace(defaults, **changes)
 
 

@@ -12,7 +12,8 @@ import yaml
 from swarm import LinearField, RadialField, TaylorGreen, World, load_policy
 from tests.short_runs import go_on, kept, short_settings, start, whole
 from trainers.settings import composition as composing
-from trainers.settings.schema import EvaluationSettings, LearningSettings, Settings
+from trainers.settings.learning import DQNSettings
+from trainers.settings.schema import EvaluationSettings, Settings
 from trainers.training import run as running
 from trainers.training import run_folder as runs
 from trainers.training.loop import MEASURES, Training, epsilon_at, learning_rate_at
@@ -34,13 +35,13 @@ TABLE_1 = {
     "flow parameter k": (TaylorGreen, "wavenumber", math.pi / 10),
 }
 TABLE_2 = {
-    "learning rate α": (LearningSettings, "learning_rate", 0.01),
-    "learning rate decay": (LearningSettings, "learning_rate_decay", 0.1),
-    "discount-rate parameter γ": (LearningSettings, "discount", 0.98),
-    "ε of the ε-greedy policy": (LearningSettings, "epsilon_end", 0.1),
-    "hidden layers and their nodes": (LearningSettings, "hidden", [24, 24, 24]),
-    "epochs": (LearningSettings, "epochs", 1600),
-    "decaying rate of ε": (LearningSettings, "epsilon_decay", 0.998),
+    "learning rate α": (DQNSettings, "learning_rate", 0.01),
+    "learning rate decay": (DQNSettings, "learning_rate_decay", 0.1),
+    "discount-rate parameter γ": (DQNSettings, "discount", 0.98),
+    "ε of the ε-greedy policy": (DQNSettings, "epsilon_end", 0.1),
+    "hidden layers and their nodes": (DQNSettings, "hidden", [24, 24, 24]),
+    "epochs": (DQNSettings, "epochs", 1600),
+    "decaying rate of ε": (DQNSettings, "epsilon_decay", 0.998),
 }
 TABLE_2_WITH_FLOW = {"hidden": [36, 36, 36], "epochs": 6000, "epsilon_decay": 0.9996}
 
@@ -56,8 +57,8 @@ def test_every_number_of_the_papers_tables_is_the_default_of_one_field(name):
 @pytest.mark.parametrize("experiment", ["taylor_green_aware", "taylor_green_blind"])
 def test_the_paper_recipe_has_the_papers_numbers_with_flow(experiment):
     settings = composing.settings_from(["recipe=paper", f"experiment={experiment}"])
-    defaults = LearningSettings()
-    for name in LearningSettings.__dataclass_fields__:
+    defaults = DQNSettings()
+    for name in DQNSettings.__dataclass_fields__:
         expected = TABLE_2_WITH_FLOW.get(name, getattr(defaults, name))
         assert getattr(settings.learning, name) == expected, name
     assert settings.evaluation.life == 400
@@ -66,7 +67,7 @@ def test_the_paper_recipe_has_the_papers_numbers_with_flow(experiment):
 @pytest.mark.parametrize("experiment", ["linear_n2", "linear_n4", "linear_n8", "varying_speed", "radial"])
 def test_the_paper_recipe_is_the_defaults_without_flow(experiment):
     assert (
-        composing.settings_from(["recipe=paper", f"experiment={experiment}"]).learning == LearningSettings()
+        composing.settings_from(["recipe=paper", f"experiment={experiment}"]).learning == DQNSettings()
     )
 
 
@@ -86,7 +87,7 @@ def test_recipes_state_only_what_differs_from_the_papers_numbers():
 
 
 def test_epsilon_falls_exponentially_to_its_floor():
-    settings = LearningSettings()
+    settings = DQNSettings()
     assert [epsilon_at(settings, epoch, 0.5) for epoch in (0, 1, 2)] == pytest.approx([1, 0.998, 0.996004])
     assert epsilon_at(settings, 500, 0.5) == pytest.approx(0.36751, abs=1e-5)
     assert epsilon_at(settings, 1150, 0.5) == pytest.approx(0.10003, abs=1e-5)
@@ -94,21 +95,21 @@ def test_epsilon_falls_exponentially_to_its_floor():
 
 
 def test_epsilon_falls_linearly_over_its_part_of_the_epochs():
-    settings = LearningSettings(epsilon_schedule="linear", epsilon_end=0.05, epsilon_fraction=0.6)
+    settings = DQNSettings(epsilon_schedule="linear", epsilon_end=0.05, epsilon_fraction=0.6)
     expected = {0.0: 1.0, 0.3: 0.525, 0.6: 0.05, 0.9: 0.05}
     for progress, epsilon in expected.items():
         assert epsilon_at(settings, 7, progress) == pytest.approx(epsilon)
 
 
 def test_the_learning_rate_falls_with_the_inverse_of_time():
-    settings = LearningSettings()
+    settings = DQNSettings()
     expected = {0: 0.01, 10: 0.005, 90: 0.001, 1599: 0.01 / 160.9}
     for updates, rate in expected.items():
         assert learning_rate_at(settings, updates, 0.7) == pytest.approx(rate)
 
 
 def test_the_learning_rate_falls_linearly_to_its_end():
-    settings = LearningSettings(learning_rate_schedule="linear", learning_rate=3e-3, learning_rate_end=0.01)
+    settings = DQNSettings(learning_rate_schedule="linear", learning_rate=3e-3, learning_rate_end=0.01)
     for progress, rate in {0.0: 3e-3, 0.5: 1.515e-3, 1.0: 3e-5}.items():
         assert learning_rate_at(settings, 7, progress) == pytest.approx(rate)
 
