@@ -13,6 +13,7 @@ import swarm
 from swarm.figures.viewer import Viewer
 from swarm.physics.starts import draw_starts
 from swarm.policies.policy import Policy
+from swarm.population.rollout import rollout
 
 SCALE = 0.5  # of the pictures' 960 × 720 pixels
 COLOURS = 96  # few, so that the file stays small
@@ -21,12 +22,10 @@ COLOURS = 96  # few, so that the file stays small
 def pictures(world: swarm.World, policy: Policy, cells: int, seed: int) -> Iterator[np.ndarray]:
     """A picture (height, width, 3) after every decision of the cells' lives."""
     viewer = Viewer(world)
-    state = world.start(*draw_starts(world, cells, seed))
-    viewer.follow(state)
-    while not state.finished.all():
-        state, _ = world.step(state, policy.act(world, state, None))
-        viewer.follow(state)
-        yield viewer.picture()
+    for moment in rollout(world, policy, draw_starts(world, cells, seed), seed):
+        viewer.follow(moment.state)
+        if moment.outcome is not None:
+            yield viewer.picture()
 
 
 def labelled(picture: np.ndarray, name: str) -> Image.Image:

@@ -15,6 +15,7 @@ import numpy as np
 from swarm import Greedy, World
 from swarm.physics.starts import Starts, draw_starts
 from swarm.policies.policy import Policy
+from swarm.population.rollout import rollout
 
 jax.config.update("jax_enable_x64", True)  # as NumPy does; without it JAX computes in float32
 
@@ -35,11 +36,9 @@ def compiled_lives(world: World, policy: Policy) -> Callable[..., jax.Array]:
 
 
 def numpy_lives(world: World, policy: Policy, starts: Starts) -> np.ndarray:
-    """The same gains (cells,) by a loop in NumPy."""
-    state = world.start(*starts)
-    while not state.finished.all():
-        state, outcome = world.step(state, policy.act(world, state, None))
-    return outcome.gain
+    """The same gains (cells,) in NumPy."""
+    *_, last = rollout(world, policy, starts, seed=0)
+    return last.outcome.gain
 
 
 def main(worlds: int = 8, cells: int = 40, life: float = 80.0) -> float:

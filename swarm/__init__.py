@@ -30,6 +30,8 @@ from swarm.physics.flows import (
     UniformFlow,
     Vortex,
 )
+from swarm.physics.perception import SENSORS as sensors
+from swarm.physics.rewards import REWARDS as rewards
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies.strategies import FromObservation, Greedy, Random, Swinging
@@ -76,7 +78,9 @@ __all__ = [
     "load_policy",
     "parallel_env",
     "population_test",
+    "rewards",
     "save_policy",
+    "sensors",
 ]
 
 for _kind, _maker in (("parallel", "parallel_env"), ("aec", "env")):

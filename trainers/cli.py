@@ -196,27 +196,34 @@ def evaluate(
     out: NewFolder = None,
 ) -> None:
     """Test a policy on fresh cells, next to greedy, swinging and the physical limit."""
-    from swarm._support.tables import Table
+    from swarm._support import files
+    from swarm.figures.evaluation import save_evaluation, save_noise_sweep
     from swarm.population import evaluation
     from swarm.population import noise as noise_sweeps
     from trainers.settings.composition import settings_of
 
+    if out is not None:
+        files.check_new_folder(out)
     levels, kind = _noise_levels(noise or (), noise_kind)
     settings = settings_of(policy, experiment)
     world, test = settings.test_world(), settings.evaluation
-    options: dict[str, Any] = {"cells": test.cells if cells is None else cells, "seed": seed, "out": out}
+    options: dict[str, Any] = {"cells": test.cells if cells is None else cells, "seed": seed}
     options["life"] = test.life if life is None else life
     if len(levels) > 1:
         with Progress("levels of noise", len(levels)) as bar:
             found = noise_sweeps.sweep_noise(policy, world, levels, kind=kind, progress=bar.show, **options)
-        print_table(Table(found.table[0], found.table[1:]))
+        print_table(found.table)
+        if out is not None:
+            save_noise_sweep(found, out)
     else:
         (world,) = noise_sweeps.check_levels(levels, kind, world) if levels else [world]
         tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
-        print_table(Table(tested.table[0], tested.table[1:]))
+        print_table(tested.table)
         limit = tested.summary["limit"]
         said = "none is known for this world" if limit is None else f"{limit:.2f}, which no policy can exceed"
         print(f"limit: {said}")
+        if out is not None:
+            save_evaluation(tested, out)
     if out is not None:
         print(f"results and figures are in {out}")
 

@@ -116,17 +116,9 @@ def check_box(name: str, value: Any) -> tuple[tuple[float, float], tuple[float, 
     return (left, right), (bottom, top)
 
 
-def settle(owner: Any, check: Callable[..., Any], *names: str, optional: bool = False, **rules: Any) -> None:
-    """Checks parameters of a frozen dataclass, those that are not None where `optional`, and keeps what the
-    check returns.
-
-    Plain floats matter: a NumPy scalar would turn float32 arrays into float64 ones and torch tensors into
-    NumPy arrays.
-    """
-    for name in names:
-        value = getattr(owner, name)
-        if value is not None or not optional:
-            object.__setattr__(owner, name, check(name, value, **rules))
+def optional(check: Callable[..., Any]) -> Callable[..., Any]:
+    """The check of what may be None."""
+    return lambda name, value, **rules: None if value is None else check(name, value, **rules)
 
 
 def parameter(default: Any, check: Callable[..., Any], **rules: Any) -> Any:
@@ -136,9 +128,21 @@ def parameter(default: Any, check: Callable[..., Any], **rules: Any) -> Any:
 
 
 def settle_all(owner: Any) -> None:
-    """Checks every `parameter` of a frozen dataclass, in their order, and keeps what the checks return."""
+    """Checks every `parameter` of a frozen dataclass, in their order, and keeps what the checks return.
+
+    Plain floats matter: a NumPy scalar would turn float32 arrays into float64 ones and torch tensors into
+    NumPy arrays.
+    """
     for item in dataclasses.fields(owner):
-        settle(owner, item.metadata["check"], item.name)
+        if check := item.metadata.get("check"):
+            object.__setattr__(owner, item.name, check(item.name, getattr(owner, item.name)))
+
+
+class Checked:
+    """A frozen dataclass of `parameter`s, which are checked when it is made."""
+
+    def __post_init__(self) -> None:
+        settle_all(self)
 
 
 def check_cells(name: str, rule: str, value: Array, good: Array) -> None:

@@ -11,17 +11,24 @@ from contextlib import contextmanager
 from pathlib import Path
 
 
-def read_bytes(path: str | os.PathLike, *, at_most: int) -> bytes:
-    """The content of an ordinary file; raises ValueError for anything else and for more bytes than that."""
+def check_ordinary(path: str | os.PathLike, *, at_most: int) -> int:
+    """The bytes of a file; raises ValueError unless it is an ordinary one that has at most so many."""
     about = os.stat(path)
     if not stat.S_ISREG(about.st_mode):
         raise ValueError(f"{path} must be an ordinary file")
-    if about.st_size <= at_most:
-        with open(path, "rb") as file:
-            data = file.read(about.st_size + 1)  # not more: so much is set aside at once
-        if len(data) <= about.st_size:
-            return data
-    raise ValueError(f"{path} must have at most {at_most} bytes, got {about.st_size}")
+    if about.st_size > at_most:
+        raise ValueError(f"{path} must have at most {at_most} bytes, got {about.st_size}")
+    return about.st_size
+
+
+def read_bytes(path: str | os.PathLike, *, at_most: int) -> bytes:
+    """The content of an ordinary file; raises ValueError for anything else and for more bytes than that."""
+    size = check_ordinary(path, at_most=at_most)
+    with open(path, "rb") as file:
+        data = file.read(size + 1)  # not more: so much is set aside at once
+    if len(data) > size:
+        raise ValueError(f"{path} must have at most {at_most} bytes, got {len(data)} or more")
+    return data
 
 
 @contextmanager

@@ -62,3 +62,15 @@ def _stored(value: Any, digits: int | None) -> Any:
     if value is None or value != value:  # not a number
         return ""
     return f"{value:.{digits}g}" if digits and isinstance(value, float) else value
+
+
+def span(interval: Sequence[float] | None, form: str = ".2f") -> str | None:
+    """An interval (low, high) as it is read; None where there is none."""
+    if interval is None or np.isnan(interval[0]):
+        return None
+    return f"{interval[0]:{form}} … {interval[1]:{form}}"
+
+
+def percent(fraction: float | None) -> str | None:
+    """A fraction as it is read; None where there is none."""
+    return None if fraction is None else f"{100 * fraction:.1f}%"

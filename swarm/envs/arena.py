@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
+import inspect
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
+from gymnasium.logger import warn
 
 from swarm._support import streams
 from swarm._support.checks import check_count, check_name
-from swarm.physics.starts import NOISE_BLOCK, draw_noise, draw_starts
+from swarm.physics.starts import Draws, draw_noise, draw_starts
 from swarm.physics.world import Outcome, State, World
 
 RENDER_MODES = ["human", "rgb_array"]
@@ -18,12 +20,28 @@ RENDER_FPS = 15
 DTYPES = {"float32": np.float32, "float64": np.float64}
 POPULATION: streams.Population = "training"
 
+Face = TypeVar("Face", bound=Callable[..., Any])
+
+
+def with_parameters(face: Face) -> Face:
+    """A decorator: the signature shows the parameters of a world that its `**parameters`, the last, take."""
+    signature = inspect.signature(face)
+    *named, _ = signature.parameters.values()
+    kind = inspect.Parameter.KEYWORD_ONLY
+    further = [
+        inspect.Parameter(name, kind, default=default)
+        for name, default in World.defaults().items()
+        if name not in signature.parameters
+    ]
+    face.__signature__ = signature.replace(parameters=[*named, *further])  # type: ignore[attr-defined]
+    return face
+
 
 def make_world(world: World | None, parameters: dict[str, Any]) -> World:
     """The world that is given, or one of the parameters; raises TypeError or ValueError on unknown ones."""
     if world is None:
         for name in parameters:
-            check_name("parameter", name, [item.name for item in dataclasses.fields(World)])
+            check_name("parameter", name, World.defaults())
         return World(**parameters)
     if parameters:
         raise TypeError(f"world must be given alone, got {sorted(parameters)} besides")
@@ -51,9 +69,7 @@ class Arena:
         self.episode = np.zeros(self.n_swimmers, np.int64)
         self.decision = np.zeros(self.n_swimmers, np.int64)  # of the cell's life
         self._fresh: dict[int, tuple[State, np.ndarray]] = {}
-        # the block of noise that each cell is in, and its episode and number
-        self._noise = np.zeros((self.n_swimmers, NOISE_BLOCK if world.has_noise else 0, 3), self.dtype)
-        self._noise_keys = np.full((self.n_swimmers, 2), -1)
+        self._noise: Draws | None = None
 
     def reset(self, seed: int | None, options: dict[str, Any] | None) -> np.ndarray:
         """Begin a life of every cell; returns the observations (cells, N_T · features).
@@ -80,7 +96,7 @@ class Arena:
 
         if seed != self.seed:
             self.seed = seed
-            self._noise_keys = np.full_like(self._noise_keys, -1)
+            self._noise = None
             self._fresh.clear()
         self.episode = np.full(self.n_swimmers, episode)
         self.decision = np.zeros(self.n_swimmers, np.int64)
@@ -129,31 +145,15 @@ class Arena:
         curvature = np.asarray(self.world.curvatures, self.dtype)[self.action]
         return np.column_stack([self.state.position, self.world.heading_angle(self.state), curvature])
 
-    # --- random numbers ---
-
     def _draw(self) -> np.ndarray | None:
         """This decision's random numbers (cells, 3), or None in a world without noise."""
         if not self.world.has_noise:
             return None
-        assert self.seed is not None
-        block, turn = np.divmod(self.decision, NOISE_BLOCK)
-        wanted = np.stack([self.episode, block], axis=-1)
-        stale = (wanted != self._noise_keys).any(axis=-1)
-        if stale.any():
-            self._noise = self._noise.copy()  # copies of the arena share it
-        for episode, number in np.unique(wanted[stale], axis=0).tolist():
-            drawn = draw_noise(
-                self.seed,
-                self.n_swimmers,
-                NOISE_BLOCK,
-                population=POPULATION,
-                episode=episode,
-                block=number,
-            )
-            rows = (wanted == (episode, number)).all(axis=-1)
-            self._noise[rows] = drawn[rows]
-        self._noise_keys = wanted
-        return self._noise[np.arange(self.n_swimmers), turn]
+        if self._noise is None:
+            assert self.seed is not None
+            cells, seeds = (self.n_swimmers,), (self.seed,)
+            self._noise = Draws(draw_noise, cells, seeds, population=POPULATION, dtype=self.dtype)
+        return self._noise.at(self.episode, self.decision)
 
     # --- checks ---
 
@@ -194,6 +194,47 @@ class Arena:
             i = int(np.argwhere(wrong)[0][0])
             raise ValueError(f"{rule}, got {values[i]} for swimmer_{i}")
         return values.astype(self.dtype)
+
+
+class Watched:
+    """What the faces of an arena share: how many decisions a life may have, and pictures of it."""
+
+    arena: Arena
+    world: World
+
+    def _set_up(self, max_cycles: int | None, render_mode: str | None) -> None:
+        self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
+        self.render_mode = (
+            None if render_mode is None else check_name("render_mode", render_mode, RENDER_MODES)
+        )
+        self._viewer: Any = None
+
+    def _follow(self) -> None:
+        """Show the viewer, where there is one, where the cells are now."""
+        if self.render_mode is not None:
+            self._watch().follow(self.arena.state)
+
+    def _picture(self) -> np.ndarray | None:
+        if self.render_mode is None:
+            warn('render: make the environment with render_mode="rgb_array" or "human" to see something')
+            return None
+        return self._watch().render(self.arena.state)
+
+    def _watch(self) -> Any:
+        from swarm.figures.viewer import Viewer
+
+        if self._viewer is None:
+            self._viewer = Viewer(self.world, window=self.render_mode == "human", fps=RENDER_FPS)
+        return self._viewer
+
+    def _close(self) -> None:
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but pictures and windows."""
+        return self.__dict__ | {"_viewer": None}
 
 
 def _where(mask: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:

@@ -12,8 +12,12 @@ import warnings
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, NamedTuple
+from unittest import mock
 
 import numpy as np
+
+from swarm.envs import pettingzoo as face
+from swarm.envs.gymnasium import SpermSwarmVector
 
 # Warnings that a dependency forces on everyone: the start of the message, and whose it is.
 EXEMPT = (
@@ -93,14 +97,10 @@ def run_check(name: str, check: Callable[[], object]) -> Check:
 
 
 def _parallel(**settings: Any) -> Any:
-    from swarm import sperm_swarm_v0
-
-    return sperm_swarm_v0.parallel_env(SWIMMERS, **({"life": 12.0} | settings))
+    return face.parallel_env(SWIMMERS, **({"life": 12.0} | settings))
 
 
 def _vector(**settings: Any) -> Any:
-    from swarm.envs.gymnasium import SpermSwarmVector
-
     return SpermSwarmVector(**({"n_swimmers": SWIMMERS, "life": 12.0} | settings))
 
 
@@ -116,18 +116,14 @@ def _parallel_api(make: Callable[[], Any]) -> None:
 def _aec_api(settings: dict[str, Any]) -> None:
     from pettingzoo.test import api_test
 
-    from swarm import sperm_swarm_v0
-
-    for make in (sperm_swarm_v0.env, sperm_swarm_v0.raw_env):
+    for make in (face.env, face.raw_env):
         api_test(make(SWIMMERS, **({"life": 12.0} | settings)), num_cycles=60)
 
 
 def _max_cycles() -> None:
     from pettingzoo.test import max_cycles_test
 
-    from swarm import sperm_swarm_v0
-
-    max_cycles_test(sperm_swarm_v0)
+    max_cycles_test(face)
 
 
 def _parallel_seeds() -> None:
@@ -139,37 +135,29 @@ def _parallel_seeds() -> None:
 def _aec_seeds() -> None:
     from pettingzoo.test import seed_test
 
-    from swarm import sperm_swarm_v0
-
-    seed_test(functools.partial(sperm_swarm_v0.env, SWIMMERS))
+    seed_test(functools.partial(face.env, SWIMMERS))
 
 
 def _states() -> None:
     from pettingzoo.test.state_test import state_test
 
-    from swarm import sperm_swarm_v0
-
     for dtype in ("float64", "float32"):
-        state_test(sperm_swarm_v0.env(SWIMMERS, dtype=dtype), sperm_swarm_v0.parallel_env(dtype=dtype))
+        state_test(face.env(SWIMMERS, dtype=dtype), face.parallel_env(dtype=dtype))
 
 
 def _pictures() -> None:
     _need("pygame", "the window")
     from pettingzoo.test import render_test
 
-    from swarm import sperm_swarm_v0
-
-    with _without_display():
-        render_test(functools.partial(sperm_swarm_v0.env, SWIMMERS))
+    with mock.patch.dict(os.environ, SDL_VIDEODRIVER="dummy"):  # a display that nobody sees
+        render_test(functools.partial(face.env, SWIMMERS))
 
 
 def _registered() -> None:
-    import pettingzoo
+    from pettingzoo import AECEnv, ParallelEnv, make
 
-    import swarm  # noqa: F401  which registers
-
-    for kind, base in (("parallel", pettingzoo.ParallelEnv), ("aec", pettingzoo.AECEnv)):
-        env = pettingzoo.make(kind, "chemoswarm/sperm_swarm_v0", n_swimmers=2, max_cycles=3)
+    for kind, base in (("parallel", ParallelEnv), ("aec", AECEnv)):
+        env = make(kind, "chemoswarm/sperm_swarm_v0", n_swimmers=2, max_cycles=3)
         env.reset(seed=0)
         assert isinstance(env, base), f"{kind} must make a {base.__name__}, got {env!r}"
         assert env.possible_agents == ["swimmer_0", "swimmer_1"]
@@ -276,8 +264,6 @@ def _vector_wrappers(mode: str) -> None:
 def _vector_registered() -> None:
     import gymnasium
 
-    import swarm  # noqa: F401  which registers
-
     env = gymnasium.make_vec("chemoswarm/SpermSwarm-v0", num_envs=3, field="radial")
     env.reset(seed=0)
     assert env.num_envs == 3
@@ -312,17 +298,3 @@ def _torchrl_wrapper() -> None:
 def _need(module: str, purpose: str) -> None:
     if importlib.util.find_spec(module) is None:
         raise _Skipped(f"{purpose} needs {module}, which is not installed")
-
-
-@contextlib.contextmanager
-def _without_display() -> Any:
-    """A display that nobody sees, so that windows open anywhere."""
-    before = os.environ.get("SDL_VIDEODRIVER")
-    os.environ["SDL_VIDEODRIVER"] = "dummy"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["SDL_VIDEODRIVER"]
-        else:
-            os.environ["SDL_VIDEODRIVER"] = before

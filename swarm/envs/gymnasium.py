@@ -6,19 +6,18 @@ import copy
 from typing import Any
 
 import numpy as np
-from gymnasium.logger import warn
 from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from swarm._support.checks import check_count, check_name
-from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, make_world
+from swarm._support.checks import check_name
+from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, Watched, make_world, with_parameters
 from swarm.physics.world import World
 
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
 
 
-class SpermSwarmVector(VectorEnv):
+class SpermSwarmVector(Watched, VectorEnv):
     """`n_swimmers` cells in one world, each an environment of its own; arguments as `swarm.parallel_env`.
 
     A cell whose life has ended begins its next by itself, at its row of the next episode's starts, while the
@@ -33,6 +32,7 @@ class SpermSwarmVector(VectorEnv):
     `info["gain"]` is c(t) − c(0) of every cell [concentration].
     """
 
+    @with_parameters
     def __init__(
         self,
         n_swimmers: int = 40,
@@ -46,10 +46,7 @@ class SpermSwarmVector(VectorEnv):
     ) -> None:
         self.world = make_world(world, parameters)
         self.arena = Arena(self.world, n_swimmers, dtype)
-        self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
-        if render_mode is not None:
-            check_name("render_mode", render_mode, RENDER_MODES)
-        self.render_mode = render_mode
+        self._set_up(max_cycles, render_mode)
         if not isinstance(autoreset_mode, AutoresetMode):
             autoreset_mode = AUTORESET_MODES[check_name("autoreset_mode", autoreset_mode, AUTORESET_MODES)]
         self.autoreset_mode = autoreset_mode
@@ -65,7 +62,6 @@ class SpermSwarmVector(VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._done: np.ndarray | None = None  # (cells,) lives that are over; None before the first reset
-        self._viewer: Any = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -84,8 +80,7 @@ class SpermSwarmVector(VectorEnv):
             observation = self.arena.restart(cells)
             self._done = self._begun() & ~cells
         super().reset(seed=seed)
-        if self.render_mode is not None:
-            self._watch().follow(self.arena.state)
+        self._follow()
         return observation, self._info()
 
     def step(
@@ -118,8 +113,7 @@ class SpermSwarmVector(VectorEnv):
         else:
             self._done = done
         self.arena = arena
-        if self.render_mode is not None:
-            self._watch().follow(arena.state)
+        self._follow()
         return observation, reward, terminated, truncated, info | self._info()
 
     def state(self) -> np.ndarray:
@@ -132,28 +126,12 @@ class SpermSwarmVector(VectorEnv):
     def render(self) -> tuple[np.ndarray, ...] | None:
         """One picture (height, width, 3) uint8 of all cells with "rgb_array"; "human" shows it."""
         self._begun()
-        if self.render_mode is None:
-            warn('render: make the environment with render_mode="rgb_array" or "human" to see something')
-            return None
-        picture = self._watch().render(self.arena.state)
+        picture = self._picture()
         return None if picture is None else (picture,)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the window, if there is one."""
-        if self._viewer is not None:
-            self._viewer.close()
-            self._viewer = None
-
-    def _watch(self) -> Any:
-        from swarm.figures.viewer import Viewer
-
-        if self._viewer is None:
-            self._viewer = Viewer(self.world, window=self.render_mode == "human", fps=RENDER_FPS)
-        return self._viewer
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Everything but pictures and windows."""
-        return self.__dict__ | {"_viewer": None}
+        self._close()
 
     # --- helpers ---
 

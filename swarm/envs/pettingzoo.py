@@ -19,41 +19,37 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium.logger import warn
 from gymnasium.spaces import Box, Discrete
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import parallel_to_aec
 from pettingzoo.utils.env import AECEnv
 from pettingzoo.utils.wrappers import AssertOutOfBoundsWrapper, OrderEnforcingWrapper
 
-from swarm._support.checks import check_count, check_name
-from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena
+from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, Watched, make_world, with_parameters
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow
 from swarm.physics.world import World
 
 
+@with_parameters
 def parallel_env(
     n_swimmers: int = 40,
-    n_records: int = 4,
-    field: str | Field = "linear",
-    flow: str | Flow = "still",
-    sense_flow: bool = False,
-    varying_speed: bool = False,
-    life: float = 80.0,
-    start_box: tuple[tuple[float, float], tuple[float, float]] | None = None,
+    n_records: int = World.n_records,
+    field: str | Field = World.field,
+    flow: str | Flow = World.flow,
+    sense_flow: bool = World.sense_flow,
+    varying_speed: bool = World.varying_speed,
+    life: float = World.life,
+    start_box: tuple[tuple[float, float], tuple[float, float]] | None = World.start_box,
     max_cycles: int | None = None,
     render_mode: str | None = None,
-    curvatures: Sequence[float] = (3.0, 5.0),
-    speed: float = 1.0,
-    speeds: tuple[float, float] = (1.1, 0.9),
-    time_step: float = 0.02,
-    interval_rule: str = "truncated",
+    curvatures: Sequence[float] = World.curvatures,
+    speed: float = World.speed,
+    speeds: tuple[float, float] = World.speeds,
+    time_step: float = World.time_step,
+    interval_rule: str = World.interval_rule,
     dtype: str = "float64",
-    *,
-    concentration_noise: float = 0.0,
-    curvature_noise: float = 0.0,
-    rotational_diffusion: float = 0.0,
+    **parameters: Any,
 ) -> SpermSwarm:
     """A swarm in one world, as a PettingZoo `ParallelEnv`.
 
@@ -63,23 +59,8 @@ def parallel_env(
     field's own, else [0, 10]². Raises TypeError or ValueError that names the parameter, the rule and the
     value.
     """
-    world = World(
-        n_records=n_records,
-        field=field,  # type: ignore[arg-type]
-        flow=flow,  # type: ignore[arg-type]
-        sense_flow=sense_flow,
-        varying_speed=varying_speed,
-        life=life,
-        start_box=start_box,
-        curvatures=curvatures,  # type: ignore[arg-type]
-        speed=speed,
-        speeds=speeds,
-        time_step=time_step,
-        interval_rule=interval_rule,
-        concentration_noise=concentration_noise,
-        curvature_noise=curvature_noise,
-        rotational_diffusion=rotational_diffusion,
-    )
+    given = {name: value for name, value in locals().items() if name in World.defaults()}
+    world = make_world(None, given | parameters)
     return SpermSwarm(world, n_swimmers, max_cycles=max_cycles, render_mode=render_mode, dtype=dtype)
 
 
@@ -95,7 +76,7 @@ def env(*args: Any, **kwargs: Any) -> AECEnv:
     return OrderEnforcingWrapper(AssertOutOfBoundsWrapper(raw_env(*args, **kwargs)))
 
 
-class SpermSwarm(ParallelEnv):
+class SpermSwarm(Watched, ParallelEnv):
     """All cells of one world as agents; see the module and `parallel_env`."""
 
     metadata = {
@@ -116,10 +97,7 @@ class SpermSwarm(ParallelEnv):
     ) -> None:
         self.arena = Arena(world, n_swimmers, dtype)
         self.world = world
-        self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
-        if render_mode is not None:
-            check_name("render_mode", render_mode, RENDER_MODES)
-        self.render_mode = render_mode
+        self._set_up(max_cycles, render_mode)
         self.possible_agents = [f"swimmer_{i}" for i in range(self.arena.n_swimmers)]
         self.agents: list[str] = []
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
@@ -131,7 +109,6 @@ class SpermSwarm(ParallelEnv):
         }
         self._action_spaces = {agent: Discrete(world.n_actions) for agent in self.possible_agents}
         self.state_space = self._make_state_space()
-        self._viewer: Any = None
 
     def observation_space(self, agent: str) -> Box:
         """Box (N_T · features,) float32 whose finite bounds hold."""
@@ -154,8 +131,7 @@ class SpermSwarm(ParallelEnv):
         """
         observation = self.arena.reset(seed, options)
         self.agents, self._live, self._cycle = self.possible_agents[:], None, 0
-        if self.render_mode is not None:
-            self._watch().follow(self.arena.state)
+        self._follow()
         infos = {agent: {"gain": 0.0} for agent in self.agents}
         return dict(zip(self.agents, observation, strict=True)), infos
 
@@ -187,8 +163,7 @@ class SpermSwarm(ParallelEnv):
             truncations = dict(zip(agents, truncated.tolist(), strict=True))
         else:
             terminations, truncations = dict.fromkeys(agents, False), dict.fromkeys(agents, False)
-        if self.render_mode is not None:
-            self._watch().follow(self.arena.state)
+        self._follow()
         return (
             dict(zip(agents, observation, strict=True)),
             dict(zip(agents, reward.tolist(), strict=True)),
@@ -207,27 +182,11 @@ class SpermSwarm(ParallelEnv):
     def render(self) -> np.ndarray | None:
         """The picture (height, width, 3) uint8 with "rgb_array"; "human" shows it in a window."""
         self._check_begun()
-        if self.render_mode is None:
-            warn('render: make the environment with render_mode="rgb_array" or "human" to see something')
-            return None
-        return self._watch().render(self.arena.state)
+        return self._picture()
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        if self._viewer is not None:
-            self._viewer.close()
-            self._viewer = None
-
-    def _watch(self) -> Any:
-        from swarm.figures.viewer import Viewer
-
-        if self._viewer is None:
-            self._viewer = Viewer(self.world, window=self.render_mode == "human", fps=RENDER_FPS)
-        return self._viewer
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Everything but pictures and windows."""
-        return self.__dict__ | {"_viewer": None}
+        self._close()
 
     # --- checks ---
 

@@ -17,8 +17,8 @@ from swarm._support import streams
 from swarm._support.arrays import namespace
 from swarm._support.checks import check_count, check_name
 from swarm._support.compiler import compiled
-from swarm.envs.arena import make_world
-from swarm.physics.starts import NOISE_BLOCK, draw_noise, draw_starts
+from swarm.envs.arena import make_world, with_parameters
+from swarm.physics.starts import Draws, draw_noise, draw_starts
 from swarm.physics.world import Outcome, State, World
 
 GROUP = "swimmers"
@@ -55,6 +55,7 @@ class SwarmEnv(EnvBase):
 
     batch_locked = True
 
+    @with_parameters
     def __init__(
         self,
         n_worlds: int = 1,
@@ -112,6 +113,8 @@ class SwarmEnv(EnvBase):
             )
         self.episode = np.full(self.n_worlds, -1)
         self.decision = np.zeros(self.n_worlds, np.int64)
+        cells = (self.n_worlds, self.n_swimmers)
+        self._noise = Draws(draw_noise, cells, self.seeds, population=self.population, place=self._array)
 
     def restart(self, worlds: np.ndarray | None = None) -> Tensor:
         """Begin the next episode in the chosen worlds (a mask; default all); returns all observations."""
@@ -121,15 +124,19 @@ class SwarmEnv(EnvBase):
         position = np.zeros((self.n_worlds, self.n_swimmers, 2))
         heading = np.zeros((self.n_worlds, self.n_swimmers))
         past = np.zeros((self.n_worlds, self.n_swimmers, self.world.n_records), np.int64)
-        for seed, episode, block, members in self._alike(chosen, self.episode):
-            starts = draw_starts(
-                self.world, len(block) * self.n_swimmers, seed, population=self.population, episode=episode
-            )
-            rows = members - block[0]
-            shape = (len(block), self.n_swimmers)
-            position[members] = starts.position.reshape(*shape, 2)[rows]
-            heading[members] = starts.heading.reshape(shape)[rows]
-            past[members] = starts.past.reshape(*shape, self.world.n_records)[rows]
+        blocks = np.split(np.arange(self.n_worlds), len(self.seeds))
+        for seed, block in zip(self.seeds, blocks, strict=True):
+            for episode in np.unique(self.episode[block[chosen[block]]]).tolist():
+                members = block[chosen[block] & (self.episode[block] == episode)]
+                starts = draw_starts(
+                    self.world,
+                    len(block) * self.n_swimmers,
+                    seed,
+                    population=self.population,
+                    episode=episode,
+                )
+                for whole, part in zip((position, heading, past), starts, strict=True):
+                    whole[members] = part.reshape(len(block), *whole.shape[1:])[members - block[0]]
         return self._begin(self.world.start(*map(self._array, (position, heading, past))), chosen)
 
     def place(self, position: Tensor, heading: Tensor, past: Tensor) -> Tensor:
@@ -148,11 +155,8 @@ class SwarmEnv(EnvBase):
         else:
             mask = self._array(chosen)
             self._state = State(*(_where(mask, *pair) for pair in zip(fresh, self._state, strict=True)))
-        if self.world.has_noise:
-            self._refill_noise(chosen)
-        observation = self._tensor(self.world.observation(self._state))
-        self.observation = observation
-        return observation
+        self.observation = self._tensor(self.world.observation(self._state))
+        return self.observation
 
     def advance(self, action: Tensor) -> Transition:
         """One decision of every cell, without a TensorDict; does not restart finished worlds."""
@@ -164,11 +168,10 @@ class SwarmEnv(EnvBase):
             raise RuntimeError("restart() or reset() must come before advance()")
         # Not in the compiled part: torch's compiler writes flags byte by byte.
         valid = ~self._state.finished
-        self._state, outcome = self._decide(self._state, self._bare(action), self._noise_now())
+        noise = self._noise.at(self.episode, self.decision) if self.world.has_noise else None
+        self._state, outcome = self._decide(self._state, self._bare(action), noise)
         truncated = outcome.truncated
         self.decision += 1
-        if self.world.has_noise and (due := self.decision % NOISE_BLOCK == 0).any():
-            self._refill_noise(due)
         if self.max_cycles is not None and (over := self.decision >= self.max_cycles).any():
             truncated = truncated | (self._array(over)[:, None] & ~outcome.terminated)
             self._state = self._state._replace(finished=self._state.finished | truncated)
@@ -282,39 +285,6 @@ class SwarmEnv(EnvBase):
         self.done_spec = done
 
     # --- helpers --------------------------------------------------------------------------------------------
-
-    def _alike(self, chosen: np.ndarray, index: np.ndarray) -> Any:
-        """(seed, index, the seed's worlds, the chosen worlds of that seed and index)."""
-        for seed, block in zip(self.seeds, np.split(np.arange(self.n_worlds), len(self.seeds)), strict=True):
-            mine = block[chosen[block]]
-            for value in np.unique(index[mine]):
-                yield seed, int(value), block, mine[index[mine] == value]
-
-    def _noise_now(self) -> Array | None:
-        """This decision's noise (worlds, cells, 3)."""
-        if not self.world.has_noise:
-            return None
-        worlds, place = np.arange(self.n_worlds), self.decision % NOISE_BLOCK
-        return self._noise[self._array(worlds), :, self._array(place)]
-
-    def _refill_noise(self, chosen: np.ndarray) -> None:
-        """Draw the block of noise that the chosen worlds are in."""
-        blocks = self.decision // NOISE_BLOCK
-        noise = np.zeros((self.n_worlds, self.n_swimmers, NOISE_BLOCK, 3))
-        stride = int(blocks.max()) + 1
-        for seed, key, block, members in self._alike(chosen, self.episode * stride + blocks):
-            drawn = draw_noise(
-                seed,
-                len(block) * self.n_swimmers,
-                NOISE_BLOCK,
-                population=self.population,
-                episode=key // stride,
-                block=key % stride,
-            )
-            noise[members] = drawn.reshape(len(block), self.n_swimmers, NOISE_BLOCK, 3)[members - block[0]]
-        fresh = self._array(noise)
-        old = getattr(self, "_noise", None)
-        self._noise = fresh if old is None or chosen.all() else _where(self._array(chosen), fresh, old)
 
     def _array(self, values: np.ndarray) -> Array:
         """`values` in the library that computes decisions, real numbers in the environment's precision."""

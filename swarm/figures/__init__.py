@@ -17,6 +17,7 @@ _HOMES = {
     "groups": "populations",
     "noise_sweep": "populations",
     "path_of": "life",
+    "plain": "style",
     "radial": "populations",
     "save": "style",
     "training": "populations",

@@ -11,22 +11,19 @@ from __future__ import annotations
 import sys
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from swarm._support.arrays import as_array, namespace
-from swarm.optimal import still as optimal_still
-from swarm.optimal import store as optimal_files
+from swarm.optimal import still, store
 from swarm.optimal.problem import Problem, problem_of, why_no_limit
 from swarm.optimal.tables import GRIDS, POLICY_GRID, VortexLimit, VortexTables
 from swarm.physics.flows import TaylorGreen
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.collocation import swim
-
-if TYPE_CHECKING:
-    from swarm.physics.starts import Starts
-    from swarm.physics.world import State, World
+from swarm.physics.starts import Starts
+from swarm.physics.world import State, World
 
 Array = Any
 
@@ -119,7 +116,7 @@ def _numpy(array: Array) -> np.ndarray:
     return array.astype(np.float64) if array.dtype.kind == "f" else array
 
 
-_still = lru_cache(maxsize=8)(optimal_still.solve)
+_still = lru_cache(maxsize=8)(still.solve)
 
 
 def _policy(world: World) -> tuple[Problem, Any]:
@@ -128,7 +125,7 @@ def _policy(world: World) -> tuple[Problem, Any]:
         raise ValueError(f"Optimal needs {why_no_limit(world)}")
     if problem.flow is None:
         return problem, _still(problem)
-    return problem, optimal_files.tables(VortexTables, problem, (POLICY_GRID,))
+    return problem, store.tables(VortexTables, problem, (POLICY_GRID,))
 
 
 def _bounds(world: World, starts: Starts) -> dict[str, np.ndarray] | None:
@@ -139,24 +136,22 @@ def _bounds(world: World, starts: Starts) -> dict[str, np.ndarray] | None:
     heading = np.asarray(starts.heading, np.float64).reshape(-1)
     position = np.asarray(starts.position, np.float64).reshape(-1, 2)
     pose = Pose(position, np.stack([np.cos(heading), np.sin(heading)], axis=-1))
-    tables = _still(problem) if problem.flow is None else optimal_files.tables(VortexLimit, problem, GRIDS)
+    tables = _still(problem) if problem.flow is None else store.tables(VortexLimit, problem, GRIDS)
     return {name: world.field.gradient_scale * values for name, values in tables.bounds(pose).items()}
 
 
-def ship(folder: Path = optimal_files.SHIPPED) -> list[Path]:
+def ship(folder: Path = store.SHIPPED) -> list[Path]:
     """Computes what is shipped, the tables for the paper's Taylor–Green flow, and writes them to `folder`."""
-    from swarm.physics.world import World
-
     problem = problem_of(World(flow=TaylorGreen(), life=400.0))
     assert problem is not None
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for kind, grids in ((VortexLimit, GRIDS), (VortexTables, (POLICY_GRID,))):
-        key = optimal_files.key_of(kind, problem, grids)
-        path = folder / optimal_files.file_name(key)
-        with optimal_files.shown_progress(f"Optimal {key['kind']} in the Taylor–Green flow") as progress:
+        key = store.key_of(kind, problem, grids)
+        path = folder / store.file_name(key)
+        with store.shown_progress(f"Optimal {key['kind']} in the Taylor–Green flow") as progress:
             tensors = kind.compute(problem, grids, progress).tensors
-        optimal_files.write(path, key, tensors)
+        store.write(path, key, tensors)
         written.append(path)
     return written
 

@@ -10,16 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swarm.physics.fields import LinearField
 from swarm.physics.flows import StillWater, TaylorGreen
-
-if TYPE_CHECKING:
-    from swarm.physics.motion.arc import Pose
-    from swarm.physics.world import World
+from swarm.physics.motion.arc import Pose
+from swarm.physics.world import World
 
 CUBIC = np.arange(-1, 3)  # the neighbours that a cubic reading goes through
 MAX_TIMES = 100_000  # times left that are worth a table each

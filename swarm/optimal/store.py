@@ -12,7 +12,6 @@ import dataclasses
 import hashlib
 import json
 import os
-import struct
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,8 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import platformdirs
 
-from swarm._support import files
+from swarm._support import tensors
 from swarm.optimal.problem import Problem
 from swarm.optimal.tables import VortexLimit, VortexTables
 
@@ -30,19 +30,14 @@ SHIPPED = Path(__file__).parents[1] / "zoo" / "limits"
 CACHE = "CHEMOSWARM_CACHE"  # environment variable: the folder for what is computed
 SCHEME = 1  # rises when the same parameters give other tables
 MAX_FILE = 256 * 2**20  # [bytes]
-MAX_HEADER = 64 * 2**10  # [bytes]
-METADATA = "chemoswarm"
 
 Tables = type[VortexLimit] | type[VortexTables]
 NAMES: dict[Tables, str] = {VortexLimit: "limit", VortexTables: "policy"}
 
 
 def cache_folder() -> Path:
-    """Where tables are kept: $CHEMOSWARM_CACHE, else chemoswarm in the user's folder for caches."""
-    if chosen := os.environ.get(CACHE):
-        return Path(chosen)
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "chemoswarm"
+    """Where tables are kept: $CHEMOSWARM_CACHE, else the platform's folder for caches of this software."""
+    return Path(os.environ.get(CACHE) or platformdirs.user_cache_path("chemoswarm", appauthor=False))
 
 
 def key_of(kind: Tables, problem: Problem, grids: tuple[tuple[int, int], ...]) -> dict[str, Any]:
@@ -82,63 +77,38 @@ def tables(kind: Any, problem: Problem, grids: tuple[tuple[int, int], ...]) -> A
     return computed
 
 
-def write(path: Path, key: dict[str, Any], tensors: dict[str, np.ndarray]) -> None:
+def write(path: Path, key: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
     """Writes tables, whole or not at all."""
-    from safetensors.numpy import save
-
-    metadata = {METADATA: json.dumps({"key": key, "digest": _digest(tensors)}, sort_keys=True)}
-    ordered = {name: np.ascontiguousarray(tensors[name]) for name in sorted(tensors)}
-    files.write_bytes(path, save(ordered, metadata=metadata))
+    tensors.write(path, arrays, {"key": key, "digest": _digest(arrays)})
 
 
 def read(
     path: Path, key: dict[str, Any], shapes: dict[str, tuple[type, tuple[int, ...]]]
 ) -> dict[str, np.ndarray]:
-    """The tensors of a file; raises ValueError unless they are all that `key` asks for, whole and finite."""
-    from safetensors import SafetensorError
-    from safetensors.numpy import load
+    """The arrays of a file; raises ValueError unless they are all that `key` asks for, whole and finite."""
 
-    data = files.read_bytes(path, at_most=MAX_FILE)
-    stated = _metadata(data)
-    if stated.get("key") != key:
-        raise ValueError("it must hold the tables for these parameters")
-    try:
-        tensors = load(data)
-    except SafetensorError as error:
-        raise ValueError(f"it must be a valid safetensors file, got {error}") from None
-    if set(tensors) != set(shapes):
-        raise ValueError(f"its tensors must be {', '.join(sorted(shapes))}, got {', '.join(sorted(tensors))}")
+    def check(card: dict[str, Any], stored: tensors.Shapes) -> None:
+        if card.get("key") != key:
+            raise ValueError("it must hold the tables for these parameters")
+        if stored.keys() != shapes.keys():
+            raise ValueError(f"its tensors must be {', '.join(shapes)}, got {', '.join(stored)}")
+
+    arrays, card = tensors.read(path, check, at_most=MAX_FILE)
     for name, (dtype, shape) in shapes.items():
-        tensor = tensors[name]
-        if tensor.dtype != dtype or tensor.shape != shape or not np.isfinite(tensor).all():
+        array = arrays[name]
+        if array.dtype != dtype or array.shape != shape or not np.isfinite(array).all():
             raise ValueError(
-                f"{name} must be finite {np.dtype(dtype)} {shape}, got {tensor.dtype} {tensor.shape}"
+                f"{name} must be finite {np.dtype(dtype)} {shape}, got {array.dtype} {array.shape}"
             )
-    if stated.get("digest") != _digest(tensors):
+    if card.get("digest") != _digest(arrays):
         raise ValueError("its tensors must be the ones it was written with")
-    return tensors
+    return arrays
 
 
-def _metadata(data: bytes) -> dict[str, Any]:
-    rule = "it must be a safetensors file with the parameters of its tables"
-    if len(data) < 8:
-        raise ValueError(rule)
-    (size,) = struct.unpack("<Q", data[:8])
-    if size > min(MAX_HEADER, len(data) - 8):
-        raise ValueError(rule)
-    try:
-        stated = json.loads(json.loads(data[8 : 8 + size])["__metadata__"][METADATA])
-    except (ValueError, KeyError, TypeError, RecursionError):
-        raise ValueError(rule) from None
-    if not isinstance(stated, dict):
-        raise ValueError(rule)
-    return stated
-
-
-def _digest(tensors: dict[str, np.ndarray]) -> str:
+def _digest(arrays: dict[str, np.ndarray]) -> str:
     digest = hashlib.sha256()
-    for name in sorted(tensors):
-        digest.update(np.ascontiguousarray(tensors[name]).tobytes())
+    for name in sorted(arrays):
+        digest.update(np.ascontiguousarray(arrays[name]).tobytes())
     return digest.hexdigest()
 
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from swarm._support import streams
 from swarm._support.checks import check_count
-
-if TYPE_CHECKING:
-    from swarm.physics.world import World
+from swarm.physics.world import World
 
 NOISE_BLOCK = 64  # decisions whose random numbers are drawn at once, everywhere
 _ATTEMPTS = 1000
@@ -97,7 +95,7 @@ class Draws:
         *,
         population: streams.Population = "test",
         dtype: Any = np.float64,
-        place: Callable[[np.ndarray], Any] = lambda block: block,
+        place: Callable[[np.ndarray], Any] = np.asarray,
     ) -> None:
         self._draw, self._population, self._dtype, self._place = draw, population, dtype, place
         self._cells, self._seeds = cells, tuple(seeds)

@@ -6,36 +6,32 @@ against fixed limits before anything of its size is allocated, so anyone's file 
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Sequence
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from swarm._support import files
+from swarm._support import tensors
 from swarm._support.arrays import namespace
 from swarm._support.checks import check_name
 from swarm.physics import perception
+from swarm.physics.world import State, World
 from swarm.policies.policy_file import (
-    CARD,
+    MAX_FILE,
     MAX_LAYERS,
     MAX_SIZE,
-    MAX_WIDTH,
     POLICY_FILE,
+    SENSORS,
     PolicyError,
     check_card,
-    check_header,
-    read_bytes,
-    read_tensors,
+    check_shape,
+    check_tensors,
 )
-
-if TYPE_CHECKING:
-    from swarm.physics.world import State, World
 
 Array = Any
 
@@ -46,14 +42,14 @@ BLOCK = 64  # rows that are always computed together
 class Network:
     """Q-values of every action by a fully connected network: tanh between layers, linear output.
 
-    The card says what it was made for: `n_records` (N_T) and `features` (numbers per record: 2, or 5 with the
-    flow sensed) are needed, anything else that JSON can hold may follow. Raises PolicyError unless layers and
-    card agree.
+    The card says what it was made for: `n_records` (N_T), `features` (numbers per record) and `sensor`, the
+    name of what takes the records (default: memory for 2, memory_with_flow for 5 features); anything else
+    that JSON can hold may follow. Raises PolicyError unless layers and card agree.
     """
 
     def __init__(self, weights: Sequence[Any], biases: Sequence[Any], card: dict[str, Any]) -> None:
-        self.weights = tuple(_layer(f"layers.{i}.weight", array, 2) for i, array in enumerate(weights))
-        self.biases = tuple(_layer(f"layers.{i}.bias", array, 1) for i, array in enumerate(biases))
+        self.weights = tuple(_layer(f"layers.{i}.weight", array) for i, array in enumerate(weights))
+        self.biases = tuple(_layer(f"layers.{i}.bias", array) for i, array in enumerate(biases))
         _check_chain(self.weights, self.biases)
         self.card = check_card({**card, "n_actions": card.get("n_actions", self.n_actions)})
         size = self.n_records * self.features
@@ -89,8 +85,13 @@ class Network:
 
     @property
     def features(self) -> int:
-        """Numbers per record: 2, or 5 with the flow sensed."""
+        """Numbers per record that it takes."""
         return self.card["features"]
+
+    @property
+    def sensor(self) -> str:
+        """Name of the sensor it was trained with."""
+        return self.card.get("sensor") or SENSORS[self.features]
 
     @cached_property
     def _transposed(self) -> tuple[np.ndarray, ...]:
@@ -123,7 +124,8 @@ class Network:
         return np.argmax(self.values(observation), axis=-1)
 
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
-        """Best actions (..., cells). A flow that the world senses and the network does not is left out.
+        """Best actions (..., cells). What the world senses besides the plain memory, and a network that was
+        trained without does not, is left out.
 
         Raises PolicyError where the network does not fit the world.
         """
@@ -134,30 +136,28 @@ class Network:
 
     def check_fits(self, world: World) -> None:
         """Raises PolicyError unless the network can steer cells of this world."""
-        if self.n_records == world.n_records and self.features <= world.features:
-            if self.n_actions == world.n_actions:
-                return
+        observed = (world.sensor.name, world.features), (SENSORS[2], 2)  # which every record begins with
+        if self.n_records != world.n_records or (self.sensor, self.features) not in observed:
+            hint = "; it senses the flow: sense_flow=True" if self.sensor == SENSORS[5] else ""
+            raise PolicyError(
+                f"policy must fit what the world's cells observe: the policy takes {self.n_inputs} numbers "
+                f"(n_records = {self.n_records}, {self.features} of {self.sensor} in each), the world gives "
+                f"{world.observation_size} (n_records = {world.n_records}, {world.features} of "
+                f"{world.sensor.name} in each){hint}"
+            )
+        if self.n_actions != world.n_actions:
             raise PolicyError(
                 f"policy must have one value for each action of the world: the policy has {self.n_actions}, "
                 f"the world {world.n_actions}"
             )
-        hint = "; it senses the flow: sense_flow=True" if self.features > world.features else ""
-        raise PolicyError(
-            f"policy must fit what the world's cells observe: the policy takes {self.n_inputs} numbers "
-            f"(n_records = {self.n_records}, {self.features} in each), the world gives "
-            f"{world.observation_size} (n_records = {world.n_records}, {world.features} in each){hint}"
-        )
 
 
 def save_policy(network: Network, path: str | os.PathLike) -> None:
     """Writes the network and its card as safetensors, whole or not at all; always in the same bytes."""
-    from safetensors.numpy import save
-
-    tensors = {}
+    layers = {}
     for i, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-        tensors[f"layers.{i}.weight"], tensors[f"layers.{i}.bias"] = weight, bias
-    card = json.dumps(network.card, sort_keys=True, allow_nan=False, ensure_ascii=False)
-    files.write_bytes(path, save(tensors, {CARD: card}))
+        layers[f"layers.{i}.weight"], layers[f"layers.{i}.bias"] = weight, bias
+    tensors.write(path, layers, network.card)
 
 
 def load_policy(name: str | os.PathLike) -> Network:
@@ -170,7 +170,7 @@ def load_policy(name: str | os.PathLike) -> Network:
     path = Path(name)
     if path.is_dir():
         path = path / POLICY_FILE
-    return parse_policy(read_bytes(path), str(path))
+    return _read(path, str(path))
 
 
 def zoo_names() -> list[str]:
@@ -185,13 +185,20 @@ def zoo_names() -> list[str]:
     )
 
 
-def parse_policy(data: bytes, source: str) -> Network:
-    """The network in the bytes of a policy file; `source` names it in errors (PolicyError)."""
+def _read(path: Path, source: str) -> Network:
+    """The network of a policy file; `source` names it in errors."""
     try:
-        shapes, card = check_header(data)
-        return Network(*read_tensors(data, shapes), card)
-    except PolicyError as error:
-        raise PolicyError(f"{source} is no policy that can be opened: {error}") from None
+        layers, card = tensors.read(path, lambda card, shapes: check_tensors(shapes), at_most=MAX_FILE)
+        sizes = range(len(layers) // 2)
+        weights, biases = ([layers[f"layers.{i}.{part}"] for i in sizes] for part in ("weight", "bias"))
+        return Network(weights, biases, card)
+    except FileNotFoundError:
+        reason = "it is not there"
+    except OSError as error:
+        reason = f"it cannot be read: {error.strerror}"
+    except ValueError as error:
+        reason = str(error)
+    raise PolicyError(f"{source} is no policy that can be opened: {reason}")
 
 
 def _load_from_zoo(name: str) -> Network:
@@ -203,13 +210,13 @@ def _load_from_zoo(name: str) -> Network:
     except ValueError as error:
         raise PolicyError(str(error)) from None
     file = resources.files("swarm") / "zoo" / f"{name}.safetensors"
-    return parse_policy(file.read_bytes(), ZOO + name)
+    with resources.as_file(file) as path:
+        return _read(path, ZOO + name)
 
 
-def _layer(name: str, array: Any, axes: int) -> np.ndarray:
+def _layer(name: str, array: Any) -> np.ndarray:
     result = np.array(array, dtype=np.float32, order="C")
-    if result.ndim != axes or not all(1 <= side <= MAX_WIDTH for side in result.shape):
-        raise PolicyError(f"{name} must have {axes} axes of 1 to {MAX_WIDTH}, got the shape {result.shape}")
+    check_shape(name, result.shape)
     beyond = ~(np.abs(result) <= MAX_SIZE)  # NaN too
     if np.any(beyond):
         raise PolicyError(

@@ -10,12 +10,13 @@ import numpy as np
 
 from swarm._support import provenance, streams
 from swarm._support.checks import check_count, check_flag
+from swarm.optimal import physical_limit
 from swarm.physics.motion.arc import centre_of_curvature
 from swarm.physics.starts import Starts, draw_starts
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy, check_policy
 from swarm.policies.strategies import Greedy
-from swarm.population.results import RIVAL, SERIES, as_dataset, settings
+from swarm.population.results import LIVES, RIVAL, SERIES, as_dataset, settings
 from swarm.population.rollout import Moment, rollout
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def population_test(
         )
         for name, policy in policies.items()
     }
-    bound = _limit(world, starts) if limit else None
+    bound = physical_limit.limit(world, starts) if limit else None
     attributes = {
         "title": "Population test: the same starts for every policy",
         "seed": seed,
@@ -80,14 +81,6 @@ def _with_rival(policies: Mapping[str, AnyPolicy]) -> dict[str, AnyPolicy]:
     return dict(policies) if RIVAL in policies else {**policies, RIVAL: Greedy()}
 
 
-def _limit(world: World, starts: Starts) -> float | None:
-    try:
-        from swarm.optimal.physical_limit import limit
-    except ImportError:
-        return None
-    return limit(world, starts)
-
-
 def lives(
     world: World,
     policy: AnyPolicy,
@@ -101,13 +94,13 @@ def lives(
 ) -> dict[str, np.ndarray]:
     """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...)."""
     cells = len(starts.heading)
-    recorder = _Recorder(world, cells) if record else None
+    recorded = []
     arrived = np.zeros(cells, bool)
     decisions = np.zeros(cells, np.int32)
     gain = maximal = np.zeros(cells)
     for moment in rollout(world, policy, starts, seed, population=population, episode=episode):
-        if recorder:
-            recorder.add(moment)
+        if record:
+            recorded.append(_series(world, moment))
         if moment.outcome is not None:
             gain = moment.outcome.gain
             arrived |= moment.outcome.terminated & moment.alive
@@ -119,41 +112,25 @@ def lives(
             f"gains must be finite, got {gain[cell]} for cell {cell} under {name!r}: "
             "check what the field and the flow return"
         )
-    measured = {
-        "gain": gain,
-        "maximal_gain": maximal,
-        "arrived": arrived,
-        "lifetime": world.time(moment.state),
-        "decisions": decisions,
+    values = (gain, maximal, arrived, world.time(moment.state), decisions)
+    series = {name: np.stack([row[name] for row in recorded], axis=1) for name in SERIES if recorded}
+    return dict(zip(LIVES, values, strict=True)) | series
+
+
+def _series(world: World, moment: Moment) -> dict[str, np.ndarray]:
+    """What is plotted of a moment (cells, ...), NaN where a life is over."""
+    state, curvature = moment.state, world.curvature(moment.state)
+    values = {
+        "time": world.time(state),
+        "position": state.position,
+        "heading": world.heading_angle(state),
+        "curvature": curvature,
+        "centre": centre_of_curvature(state.pose, curvature),
+        "concentration": world.field.concentration(state.position),
     }
-    return measured | (recorder.series() if recorder else {})
-
-
-class _Recorder:
-    """Collects what is plotted of every life; NaN where a life is over."""
-
-    def __init__(self, world: World, cells: int) -> None:
-        self.world = world
-        self.length = 0
-        self.columns: dict[str, np.ndarray] = {
-            name: np.full((world.max_decisions + 1, cells, *(2 for _ in extra)), np.nan, dtype)
-            for name, (extra, dtype, _, _) in SERIES.items()
-        }
-
-    def add(self, moment: Moment) -> None:
-        state = moment.state
-        curvature = self.world.curvature(state)
-        row = {
-            "time": self.world.time(state),
-            "position": state.position,
-            "heading": self.world.heading_angle(state),
-            "curvature": curvature,
-            "centre": centre_of_curvature(state.pose, curvature),
-            "concentration": self.world.field.concentration(state.position),
-        }
-        for name, values in row.items():
-            self.columns[name][self.length, moment.alive] = values[moment.alive]
-        self.length += 1
-
-    def series(self) -> dict[str, np.ndarray]:
-        return {name: np.moveaxis(column[: self.length], 0, 1) for name, column in self.columns.items()}
+    row: dict[str, np.ndarray] = {
+        name: np.array(values[name], dtype) for name, (_, dtype, _, _) in SERIES.items()
+    }
+    for column in row.values():
+        column[~moment.alive] = np.nan
+    return row

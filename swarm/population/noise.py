@@ -5,18 +5,18 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from swarm._support import files, streams
+from swarm._support import streams
 from swarm._support.checks import check_count, check_name
+from swarm._support.tables import Table, span
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy
 from swarm.policies.strategies import Greedy
 from swarm.population.contest import population_test
-from swarm.population.evaluation import LEARNT, STRATEGIES, called, named_policy
+from swarm.population.evaluation import contender
 from swarm.population.results import RIVAL
 from swarm.population.statistics import statistics
 
@@ -54,7 +54,7 @@ class NoiseSweep(NamedTuple):
 
     results: xr.Dataset  # what noise.nc holds: `COLUMNS` (noise, policy), cell_gain (noise, policy, cell)
     tests: list[xr.Dataset]  # the population test of each level, without time series
-    table: list[list[str]]  # a row per level and policy, after the row of headings
+    table: Table  # a row per level and policy
 
 
 def check_levels(levels: Sequence[float], kind: str, world: World) -> list[World]:
@@ -75,38 +75,27 @@ def sweep_noise(
     cells: int = 40,
     life: float = 200.0,
     seed: int = 0,
-    out: str | os.PathLike | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> NoiseSweep:
     """Tests a policy and greedy at every level of one perturbation, all on the same starts.
 
     `levels` rise; their unit is that of the kind (see `KINDS`), and the same random numbers are scaled by
-    each. Other perturbations of the world stay as they are. `out` receives noise.nc, noise.csv and
-    noise.png, whole or not at all; `progress` is called with the number of levels that are done. Raises,
-    before anything is computed, ValueError for a wrong level, PolicyError for a policy that cannot be had,
-    FileExistsError where `out` is something else than a new or an empty folder.
+    each. Other perturbations of the world stay as they are. `progress` is called with the number of levels
+    that are done. Raises, before anything is computed, ValueError for a wrong level, PolicyError for a policy
+    that cannot be had.
     """
-    if out is not None:
-        files.check_new_folder(out)
     check_count("cells", cells)
     streams.check_seed(seed)
     worlds = check_levels(levels, kind, world.replace(life=life))
-    players: list[AnyPolicy] = [
-        named_policy(policy, each) if isinstance(policy, str | os.PathLike) else policy for each in worlds
-    ]
-    name = called(policy)
-    label = name if name in STRATEGIES else LEARNT
+    contenders = [contender(policy, each) for each in worlds]
     tests = []
-    for each, player in zip(worlds, players, strict=True):
+    for each, (_, label, player) in zip(worlds, contenders, strict=True):
         contest = {label: player, RIVAL: Greedy()}
         test = population_test(each, contest, cells=cells, life=life, seed=seed, record=False, limit=False)
         tests.append(test)
         if progress is not None:
             progress(len(tests))
-    results = as_dataset(levels, tests, kind, name)
-    if out is not None:
-        with files.new_folder(out) as folder:
-            _write(results, levels, tests, KINDS[kind], folder)
+    results = as_dataset(levels, tests, kind, contenders[0][0])
     return NoiseSweep(results, tests, table(results))
 
 
@@ -144,52 +133,41 @@ def as_dataset(levels: Sequence[float], tests: Sequence[xr.Dataset], kind: str, 
 
 def _row(numbers: dict[str, Any]) -> dict[str, float]:
     """The `COLUMNS` of one policy's statistics; NaN where there is no interval."""
-    ahead = numbers["difference_to_greedy"]
-    low, high = numbers["ci95"] or (np.nan, np.nan)
-    ahead_low, ahead_high = ahead["ci95"] or (np.nan, np.nan)
+    ahead, nowhere = numbers["difference_to_greedy"], (np.nan, np.nan)
     values = (
-        numbers["mean"],
-        low,
-        high,
-        numbers["std"],
-        ahead["mean"],
-        ahead_low,
-        ahead_high,
-        numbers["wins"],
+        *(numbers["mean"], *(numbers["ci95"] or nowhere), numbers["std"]),
+        *(ahead["mean"], *(ahead["ci95"] or nowhere), numbers["wins"]),
     )
     return dict(zip(COLUMNS, values, strict=True))
 
 
-def table(results: xr.Dataset) -> list[list[str]]:
-    """A row per level and policy, after the row of headings."""
-    rows = [
-        ["noise", "policy", "gain", "95% interval of the mean", "over greedy", "its 95% interval", "wins"]
-    ]
-    for level in results["noise"].values:
-        for name in results["policy"].values:
-            row = {column: results[column].sel(noise=level, policy=name).item() for column in COLUMNS}
-            over = ["–", "–", "–"]
-            if name != RIVAL:
-                interval = _interval(row["ahead_low"], row["ahead_high"], "+.2f")
-                over = [f"{row['ahead']:+.2f}", interval, f"{row['wins']}/{results.sizes['cell']}"]
-            mean = f"{row['gain']:.2f} ± {row['std']:.2f}"
-            rows.append([f"{level:g}", str(name), mean, _interval(row["gain_low"], row["gain_high"]), *over])
-    return rows
+def table(results: xr.Dataset) -> Table:
+    """A row per level and policy."""
+    headings = ["noise", "policy", "gain", "95% interval of the mean", "over greedy", "its 95% interval"]
+    rows = []
+    for record in records(results):
+        over: list[str | None] = [None] * 3
+        if record["policy"] != RIVAL:
+            interval = span((record["ahead_low"], record["ahead_high"]), "+.2f")
+            over = [f"{record['ahead']:+.2f}", interval, f"{record['wins']}/{results.sizes['cell']}"]
+        mean = f"{record['gain']:.2f} ± {record['std']:.2f}"
+        interval = span((record["gain_low"], record["gain_high"]))
+        rows.append([f"{record['noise']:g}", record["policy"], mean, interval, *over])
+    return Table([*headings, "wins"], rows)
 
 
-def _interval(low: float, high: float, form: str = ".2f") -> str:
-    return "–" if np.isnan(low) else f"{low:{form}} … {high:{form}}"
-
-
-def _write(
-    results: xr.Dataset, levels: Sequence[float], tests: Sequence[xr.Dataset], kind: Kind, folder: Path
-) -> None:
-    from swarm import figures
-
-    results.to_netcdf(folder / "noise.nc", engine="h5netcdf")
-    rows = results[list(COLUMNS)].to_dataframe().reset_index()
-    rows.insert(0, "kind", kind.parameter)
+def records(results: xr.Dataset) -> list[dict[str, Any]]:
+    """A record per level and policy, with all its numbers and where they come from."""
     origin = {name: results.attrs[name] for name in ("life", "seed", "commit")}
-    rows.assign(cells=results.sizes["cell"], **origin).to_csv(folder / "noise.csv", index=False)
-    units = kind.units.replace("^2", "²").replace("/", " / ")
-    figures.save(figures.noise_sweep(levels, tests, label=f"{kind.label} [{units}]"), folder / "noise.png")
+    return [
+        {
+            "kind": results.attrs["kind"],
+            "noise": level.item(),
+            "policy": str(name),
+            **{column: results[column].sel(noise=level, policy=name).item() for column in COLUMNS},
+            "cells": results.sizes["cell"],
+            **origin,
+        }
+        for level in results["noise"].values
+        for name in results["policy"].values
+    ]

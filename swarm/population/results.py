@@ -15,6 +15,8 @@ import numpy as np
 from swarm._support import files
 from swarm.physics.fields import FIELDS
 from swarm.physics.flows import FLOWS
+from swarm.physics.perception import SENSORS
+from swarm.physics.rewards import REWARDS
 from swarm.physics.starts import Starts
 from swarm.physics.world import World
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 
 RIVAL = "greedy"  # the policy that every other is compared with
 MAX_FILE = 2**30  # [bytes] of a results file
-PARTS = {"field": FIELDS, "flow": FLOWS}
+PARTS = {"field": FIELDS, "flow": FLOWS, "sensor": SENSORS, "reward": REWARDS}
 
 Column = tuple[tuple[str, ...], type, str, str]
 LIVES: dict[str, Column] = {  # name: dimensions after (policy, cell), dtype, units, long name
@@ -92,8 +94,8 @@ def _padded(series: np.ndarray, length: int) -> np.ndarray:
 
 
 def settings(world: World) -> dict[str, Any]:
-    """A world's parameters as JSON values; fields and flows by their name and parameters, a user's own by
-    its class."""
+    """A world's parameters as JSON values; fields, flows, sensors and rewards by their name and parameters,
+    a user's own by its class."""
     result = {item.name: getattr(world, item.name) for item in dataclasses.fields(world)}
     for name, registry in PARTS.items():
         part = result[name]
@@ -106,9 +108,10 @@ def world_of(results: xr.Dataset) -> World:
     its data are not where they were."""
     try:
         stored = json.loads(results.attrs["world"])
-        for name, registry in PARTS.items():
-            # version 0.1 told the class
-            names = {kind.__name__: known for known, kind in registry.registered.items()}
+        for name in (
+            PARTS.keys() & stored.keys()
+        ):  # version 0.1 had no sensors and rewards, and told the class
+            names = {kind.__name__: known for known, kind in PARTS[name].registered.items()}
             kind = stored[name]["type"]
             stored[name] = {**stored[name], "type": names.get(kind, kind)}
         return World(**stored)
@@ -128,66 +131,55 @@ def load_population(path: str | os.PathLike) -> xr.Dataset:
     The file is checked before anything is read: nothing outside it is followed, and it holds every number it
     announces.
     """
-    file = Path(path)
-    try:
-        _check_file(file)
-        return _read(file)
-    except ResultsError as error:
-        raise ResultsError(f"{file} holds no results of a population test: {error}") from None
-
-
-def _check_file(file: Path) -> None:
-    if not file.is_file():
-        raise ResultsError("it must be an ordinary file" if file.exists() else "it is not there")
-    size = file.stat().st_size
-    if size > MAX_FILE:
-        raise ResultsError(f"it must have at most {MAX_FILE} bytes, got {size}")
-    import h5py
-
-    known = {**STARTS, **LIVES, **SERIES}
-    try:
-        with h5py.File(file, "r") as opened:
-            announced = 0
-            for name in opened:
-                if not isinstance(opened.get(name, getlink=True), h5py.HardLink):
-                    raise ResultsError(f"{name!r} must be stored in the file itself, got a link")
-                stored = opened[name]
-                if not isinstance(stored, h5py.Dataset) or name not in {*known, *_COORDINATES}:
-                    raise ResultsError(f"it must hold {', '.join(known)}, got {name!r}")
-                if stored.external or stored.is_virtual:
-                    raise ResultsError(
-                        f"{name!r} must be stored in the file itself, got a reference to another file"
-                    )
-                announced += math.prod(stored.shape or ()) * stored.dtype.itemsize
-                if announced > size or stored.compression is not None:
-                    raise ResultsError(
-                        f"it must hold all of its numbers uncompressed, got {name!r} of shape {stored.shape}"
-                    )
-            missing = [name for name in ("gain", *STARTS) if name not in opened]
-            if missing:
-                raise ResultsError(f"it must hold {', '.join(missing)}")
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
-        if isinstance(error, ResultsError):
-            raise
-        raise ResultsError(f"it must be a NetCDF file, got {str(error)[:200]}") from None
-
-
-def _read(file: Path) -> xr.Dataset:
     import xarray as xr
 
     try:
-        with xr.open_dataset(file, engine="h5netcdf", decode_times=False) as opened:
+        _check_header(Path(path), files.check_ordinary(path, at_most=MAX_FILE))
+        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
             results = opened.load()
-    except Exception as error:
-        raise ResultsError(f"it must be a NetCDF file, got {str(error)[:200]}") from None
+        _check_results(results)
+        return results
+    except ResultsError as error:
+        reason = str(error)
+    except FileNotFoundError:
+        reason = "it is not there"
+    except Exception as error:  # h5py and xarray meet a broken file with errors of any kind
+        reason = f"it must be a NetCDF file, got {str(error)[:200]}"
+    raise ResultsError(f"{path} holds no results of a population test: {reason}")
+
+
+def _check_header(file: Path, size: int) -> None:
+    import h5py
+
+    known, announced = {*STARTS, *LIVES, *SERIES, *_COORDINATES}, 0
+    with h5py.File(file, "r") as opened:
+        for name in opened:
+            if not isinstance(opened.get(name, getlink=True), h5py.HardLink):
+                raise ResultsError(f"{name!r} must be stored in the file itself, got a link")
+            stored = opened[name]
+            if not isinstance(stored, h5py.Dataset) or name not in known:
+                raise ResultsError(f"it must hold {', '.join(sorted(known))}, got {name!r}")
+            if stored.external or stored.is_virtual:
+                raise ResultsError(
+                    f"{name!r} must be stored in the file itself, got a reference to another file"
+                )
+            announced += math.prod(stored.shape or ()) * stored.dtype.itemsize
+            if announced > size or stored.compression is not None:
+                raise ResultsError(
+                    f"it must hold all of its numbers uncompressed, got {name!r} of shape {stored.shape}"
+                )
+        missing = [name for name in ("gain", *STARTS) if name not in opened]
+    if missing:
+        raise ResultsError(f"it must hold {', '.join(missing)}")
+
+
+def _check_results(results: xr.Dataset) -> None:
     expected = {name: dimensions for name, (dimensions, *_) in STARTS.items()}
     expected |= {name: ("policy", "cell", *extra) for name, (extra, *_) in LIVES.items()}
     expected |= {name: ("policy", "cell", "decision", *extra) for name, (extra, *_) in SERIES.items()}
     for name, values in results.data_vars.items():
-        if values.dims != expected.get(str(name)):
-            raise ResultsError(
-                f"{name!r} must have the dimensions {expected.get(str(name))}, got {values.dims}"
-            )
+        if values.dims != (dimensions := expected.get(str(name))):
+            raise ResultsError(f"{name!r} must have the dimensions {dimensions}, got {values.dims}")
     for name in ("seed", "life", "world"):
         if name not in results.attrs:
             raise ResultsError(f"it must have the attribute {name!r}")
@@ -195,4 +187,3 @@ def _read(file: Path) -> xr.Dataset:
         raise ResultsError(f"one of its policies must be {RIVAL!r}")
     if not np.all(np.isfinite(results["gain"].values)):
         raise ResultsError("its gains must be finite")
-    return results

@@ -79,6 +79,8 @@ def test_the_arguments_are_those_that_were_promised():
         "concentration_noise": 0.0,
         "curvature_noise": 0.0,
         "rotational_diffusion": 0.0,
+        "sensor": None,
+        "reward": "own",
     }
     for make in (sperm_swarm_v0.parallel_env, sperm_swarm_v0.env, sperm_swarm_v0.raw_env):
         parameters = inspect.signature(make).parameters

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from swarm import figures
-from swarm.figures.style import LOOKS, _apart, look
+from swarm.figures.style import LOOKS, apart, look
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.collocation import swim
 from swarm.physics.world import World
 from swarm.policies.strategies import Random, Swinging
 from swarm.population.contest import population_test
+from tests.figures import HOSTILE
 from tests.policies.test_network import make
 
 WORLDS = {
@@ -45,7 +46,6 @@ def linear():
 
 def drawings(results, world):
     yield "centrelines", lambda: figures.centrelines(results, world)
-    yield "shifted", lambda: figures.centrelines(results, world, shifted=True, cells=2)
     yield "gains", lambda: figures.gains(results)
     yield "both", lambda: figures.centrelines_and_gains(results, world)
     yield "comparison", lambda: figures.comparison(results, world, cell=1)
@@ -61,19 +61,26 @@ def test_every_figure_can_be_drawn_of_every_world(lived):
     assert dict(matplotlib.rcParams) == before
 
 
-def test_figures_are_saved_as_pictures(linear, tmp_path):
+@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
+def test_the_same_results_give_the_same_bytes_whatever_the_users_own_style(linear, tmp_path, kind):
     before = dict(matplotlib.rcParams)
     for name, draw in drawings(linear, World()):
-        figures.save(draw(), tmp_path / f"{name}.png")
-        assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        if kind == "png" or name == "comparison":
+            figures.save(draw(), tmp_path / f"plain.{kind}")
+            with matplotlib.rc_context(HOSTILE):
+                figures.save(draw(), tmp_path / f"hostile.{kind}")
+            assert (tmp_path / f"plain.{kind}").read_bytes() == (tmp_path / f"hostile.{kind}").read_bytes()
     assert dict(matplotlib.rcParams) == before
 
 
-@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
-def test_the_same_results_give_the_same_bytes(linear, tmp_path, kind):
-    for name in ("one", "two"):
-        figures.save(figures.comparison(linear, World()), tmp_path / f"{name}.{kind}")
-    assert (tmp_path / f"one.{kind}").read_bytes() == (tmp_path / f"two.{kind}").read_bytes()
+def test_names_are_shown_literally(linear, tmp_path):
+    name = "$\\frac{$ _a_ & <b>"
+    renamed = linear.assign_coords(policy=[name, *linear["policy"].values[1:]])
+    figure = figures.gains(renamed)
+    figures.save(figure, tmp_path / "gains.svg")
+    assert any(text.get_text().startswith(figures.plain(name)) for text in figure.axes[0].texts)
+    for draw in (figures.centrelines, figures.comparison):
+        figures.save(draw(renamed, World()), tmp_path / "other.png")
 
 
 def test_another_kind_of_file_is_refused(linear, tmp_path):
@@ -182,10 +189,10 @@ def test_an_unknown_policy_is_named(linear):
 
 
 def test_labels_are_moved_apart_as_little_as_possible():
-    assert _apart([0.0, 5.0], 1.0) == [0.0, 5.0]
-    assert _apart([1.0, 1.0], 1.0) == pytest.approx([0.5, 1.5])
-    assert _apart([0.0, 0.1, 10.0], 1.0) == pytest.approx([-0.45, 0.55, 10.0])
-    assert _apart([1.0, 1.0, 1.0, 1.2], 1.0) == pytest.approx([-0.45, 0.55, 1.55, 2.55])
+    assert apart([0.0, 5.0], 1.0) == pytest.approx([0.0, 5.0])
+    assert apart([1.0, 1.0], 1.0) == pytest.approx([0.5, 1.5])
+    assert apart([0.0, 0.1, 10.0], 1.0) == pytest.approx([-0.45, 0.55, 10.0])
+    assert apart([1.0, 1.0, 1.0, 1.2], 1.0) == pytest.approx([-0.45, 0.55, 1.55, 2.55])
 
 
 def test_looks_differ_without_colours():

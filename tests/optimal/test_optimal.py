@@ -22,6 +22,7 @@ from swarm.physics.motion.arc import Pose
 from swarm.physics.starts import Starts, draw_starts
 from swarm.physics.world import World
 from swarm.policies.strategies import Greedy, Random, Swinging
+from swarm.population.rollout import rollout
 from tests.reference import array, to_numpy
 
 STILL = [
@@ -55,11 +56,8 @@ def even_starts(world, cells=720):
 
 
 def gains(world, policy, starts, seed=0):
-    state = world.start(*starts)
-    random = np.random.default_rng(seed)
-    while not state.finished.all():
-        state, outcome = world.step(state, policy.act(world, state, random.random(len(starts.heading))))
-    return outcome.gain
+    *_, last = rollout(world, policy, starts, seed)
+    return last.outcome.gain
 
 
 def best_of_all(world, starts):

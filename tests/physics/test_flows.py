@@ -161,31 +161,17 @@ def test_a_plain_function_may_bring_its_spin():
     np.testing.assert_array_equal(flow.spin(np.array([[3.0, 1.0]])), [3.0])
 
 
-@pytest.mark.parametrize("flow", [TaylorGreen, ShearFlow, PoiseuilleFlow, Vortex])
-@pytest.mark.parametrize("value", [0.0, -0.1, math.nan, math.inf])
-def test_a_speed_that_is_not_positive_is_an_error(flow, value):
-    with pytest.raises(ValueError, match="speed_scale must be a finite number above 0, got"):
-        flow(speed_scale=value)
-
-
-def test_errors_name_the_parameter_the_rule_and_the_value():
-    with pytest.raises(ValueError, match=r"walls must rise, got \(3\.0, 1\.0\)"):
-        PoiseuilleFlow(walls=(3.0, 1.0))
-    with pytest.raises(ValueError, match=r"walls must rise, got \(2\.0, 2\.0\)"):
-        PoiseuilleFlow(walls=(2.0, 2.0))
-    with pytest.raises(ValueError, match=r"current must not be zero, got \(0\.0, 0\.0\)"):
-        UniformFlow((0.0, 0.0))
-    with pytest.raises(TypeError, match=r"current must be two finite numbers \(x, y\), got 0\.1"):
-        UniformFlow(0.1)
-    with pytest.raises(ValueError, match="core must be a finite number above 0, got 0"):
-        Vortex(core=0)
-    with pytest.raises(TypeError, match="clockwise must be True or False, got 'no'"):
-        Vortex(clockwise="no")
-    with pytest.raises(TypeError, match="function must be a function of positions"):
-        FunctionFlow(TaylorGreen, 0.1, 0.1)
-    with pytest.raises(ValueError, match="spin_scale must be a finite number above 0, got 0"):
-        FunctionFlow(TaylorGreen().velocity, 0.1, 0)
-    with pytest.raises(ValueError, match="max_speed must be a finite number of at least 0, got -1"):
-        FunctionFlow(TaylorGreen().velocity, 0.1, 0.1, max_speed=-1)
-    with pytest.raises(ValueError, match="period must be a finite number above 0, got -1"):
-        FunctionFlow(TaylorGreen().velocity, 0.1, 0.1, period=-1)
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: PoiseuilleFlow(walls=(3.0, 1.0)), r"walls must rise, got \(3\.0, 1\.0\)"),
+        (lambda: PoiseuilleFlow(walls=(2.0, 2.0)), r"walls must rise, got \(2\.0, 2\.0\)"),
+        (lambda: UniformFlow((0.0, 0.0)), r"current must not be zero, got \(0\.0, 0\.0\)"),
+        (lambda: UniformFlow(0.1), r"current must be two finite numbers \(x, y\), got 0\.1"),
+        (lambda: Vortex(clockwise="no"), "clockwise must be True or False, got 'no'"),
+        (lambda: FunctionFlow(TaylorGreen, 0.1, 0.1), "function must be a function of positions"),
+    ],
+)
+def test_errors_name_the_parameter_the_rule_and_the_value(make, message):
+    with pytest.raises((TypeError, ValueError), match=f"^{message}"):
+        make()

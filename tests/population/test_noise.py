@@ -1,22 +1,19 @@
-"""Gain against noise: every level on the same cells, a table, a figure, nothing half done."""
+"""Gain against noise: every level is a population test of the same cells."""
 
 from __future__ import annotations
 
 import json
 
 import numpy as np
-import pandas as pd
 import pytest
-import xarray as xr
 
-from swarm import population_test, save_policy
+from swarm import population_test
 from swarm.physics.world import World
 from swarm.policies.policy_file import PolicyError
 from swarm.policies.strategies import Greedy, Random
 from swarm.population import noise
-from swarm.population.noise import COLUMNS, KINDS, sweep_noise
+from swarm.population.noise import KINDS, sweep_noise
 from swarm.population.statistics import statistics
-from tests.policies.test_network import make
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -51,38 +48,14 @@ def test_other_perturbations_of_the_world_stay():
     assert [json.loads(test.attrs["world"])["rotational_diffusion"] for test in done.tests] == [0.2, 0.2]
 
 
-def test_the_folder_holds_table_results_and_figure_with_their_origin(tmp_path):
-    save_policy(make(), tmp_path / "policy.safetensors")
-    out = tmp_path / "out"
-    done = sweep_noise(str(tmp_path), World(), (0.0, 0.1), kind="curvature", cells=3, life=6, seed=2, out=out)
-    assert {file.name for file in out.iterdir()} == {"noise.nc", "noise.csv", "noise.png"}
-    with xr.open_dataset(out / "noise.nc", engine="h5netcdf") as stored:
-        assert stored.load().identical(done.results)
-    assert done.results.attrs["kind"] == "curvature_noise"
+def test_a_single_cell_has_no_intervals_and_origin_is_told():
+    done = sweep_noise("random", World(), (0.0, 0.1), kind="curvature", cells=1, life=5, seed=2)
+    assert done.table.rows[0][:2] == ["0", "random"]
+    assert done.table.rows[0][3] is None
+    assert np.isnan(done.results["gain_low"]).all()
+    assert (done.results.attrs["kind"], done.results.attrs["tested"]) == ("curvature_noise", "random")
     assert done.results.attrs["seed"] == 2
-    assert {"versions", "commit", "world", "life", "tested"} <= set(done.results.attrs)
-    rows = pd.read_csv(out / "noise.csv")
-    assert rows[["kind", "noise", "policy"]].values.tolist() == [
-        ["curvature_noise", level, name] for level in (0.0, 0.1) for name in ("dqn", "greedy")
-    ]
-    for column in COLUMNS:
-        assert rows[column].tolist() == done.results[column].values.ravel().tolist()
-    assert (rows["cells"] == 3).all()
-    assert (rows["seed"] == 2).all()
-    assert (out / "noise.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_sweeping_again_gives_the_same_bytes(tmp_path):
-    for name in ("one", "two"):
-        sweep_noise("random", World(), (0.0, 0.1), cells=2, life=5, out=tmp_path / name)
-    for file in (tmp_path / "one").iterdir():
-        assert file.read_bytes() == (tmp_path / "two" / file.name).read_bytes(), file.name
-
-
-def test_a_single_cell_has_no_intervals(tmp_path):
-    done = sweep_noise("random", World(), (0.0, 0.1), cells=1, life=5, out=tmp_path / "out")
-    assert done.table[1][3] == "–"
-    assert pd.read_csv(tmp_path / "out" / "noise.csv")["gain_low"].isna().all()
+    assert {"versions", "commit", "world", "life"} <= set(done.results.attrs)
 
 
 @pytest.mark.parametrize(
@@ -98,13 +71,9 @@ def test_a_single_cell_has_no_intervals(tmp_path):
         ((0.0,), {"seed": -1}, "seed must not be negative, got -1"),
         ((0.0, 0.1), {"policy": "optimal"}, "Optimal needs no perturbations"),
         ((0.0, 0.1), {"policy": "greeedy"}, "did you mean 'greedy'"),
-        ((0.0, 0.1), {"out": "taken"}, "must be a new or an empty folder"),
     ],
 )
-def test_bad_input_is_refused_before_anything_is_computed(levels, options, message, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "taken").mkdir()
-    (tmp_path / "taken" / "notes.txt").write_text("mine")
+def test_bad_input_is_refused_before_anything_is_computed(levels, options, message, monkeypatch):
     monkeypatch.setattr(noise, "population_test", lambda *_, **__: pytest.fail("computed"))
-    with pytest.raises((ValueError, PolicyError, FileExistsError), match=message):
+    with pytest.raises((ValueError, PolicyError), match=message):
         sweep_noise(options.pop("policy", Greedy()), World(), levels, **options)

@@ -90,7 +90,7 @@ def test_draws_are_those_of_each_groups_seed_episode_and_decision(draw, cells, s
         episode, decision = episode + some, np.where(some, 0, decision + 30)
 
 
-def test_a_policys_carry_is_handed_on_from_decision_to_decision_everywhere(tmp_path):
+def test_a_policys_carry_is_handed_on_from_decision_to_decision_everywhere():
     world, counting = World(life=30.0, n_records=5, **NOISY), Counting()
     assert isinstance(counting, CarryingPolicy)
     assert not isinstance(counting, Policy)
@@ -101,7 +101,7 @@ def test_a_policys_carry_is_handed_on_from_decision_to_decision_everywhere(tmp_p
     seen = [list(states(world, policy, 5, 3)) for policy in contest.values()]
     for one, other in zip(*seen, strict=True):
         np.testing.assert_array_equal(one.position, other.position)
-    done = evaluate(counting, world, experiment="own", cells=5, life=30.0, seed=3, out=tmp_path / "out")
+    done = evaluate(counting, world, experiment="own", cells=5, life=30.0, seed=3)
     assert done.summary["policy"] == "counting"
     np.testing.assert_array_equal(done.results["gain"].sel(policy="dqn"), swung["gain"])
     swept = [sweep_noise(one, world, (0.1, 0.4), cells=5, life=30.0, seed=3) for one in contest.values()]

@@ -216,6 +216,7 @@ class Training:
             "epoch": int(self.best_epoch[place]),
             "n_records": world.n_records,
             "features": world.features,
+            "sensor": world.sensor.name,
             "n_actions": world.n_actions,
             "settings": {name: settings[name] for name in ("world", "learning", "validation", "evaluation")},
             "validation": {

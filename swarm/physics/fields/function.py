@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 
 from swarm._support.arrays import Array
-from swarm._support.checks import check_box, check_function, check_number, check_point, settle
+from swarm._support.checks import (
+    Checked,
+    check_box,
+    check_function,
+    check_number,
+    check_point,
+    optional,
+    parameter,
+)
 
 
 @dataclass(frozen=True)
-class FunctionField:
+class FunctionField(Checked):
     """A field from a plain function `concentration = function(position)`, with position (..., 2) of any array
     library.
 
@@ -18,22 +26,16 @@ class FunctionField:
     observation space is bounded by it.
     """
 
-    function: Callable[[Array], Array]
-    gradient_scale: float  # c_k [concentration / length]
-    max_gradient: float | None = None  # [concentration / length]
-    egg_position: tuple[float, float] = (0.0, 0.0)  # [length]
-    egg_radius: float | None = None  # a path that comes this close to it has arrived [length]
+    function: Callable[[Array], Array] = parameter(MISSING, check_function)
+    gradient_scale: float = parameter(MISSING, check_number, above=0.0)  # c_k [concentration / length]
+    max_gradient: float | None = parameter(None, optional(check_number), above=0.0)
+    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_point)  # [length]
+    # a path that comes this close to the egg has arrived [length]
+    egg_radius: float | None = parameter(None, optional(check_number), above=0.0)
     # position (..., 2) -> bool (...); a cell that leaves is truncated
-    inside: Callable[[Array], Array] | None = None
-    box: tuple[tuple[float, float], tuple[float, float]] | None = None  # default start box ((x, x), (y, y))
-
-    def __post_init__(self) -> None:
-        settle(self, check_function, "function")
-        settle(self, check_number, "gradient_scale", above=0.0)
-        settle(self, check_number, "max_gradient", "egg_radius", above=0.0, optional=True)
-        settle(self, check_point, "egg_position")
-        settle(self, check_function, "inside", optional=True)
-        settle(self, check_box, "box", optional=True)
+    inside: Callable[[Array], Array] | None = parameter(None, optional(check_function))
+    # default start box ((x, x), (y, y)) [length]
+    box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, optional(check_box))
 
     def concentration(self, position: Array) -> Array:
         return self.function(position)

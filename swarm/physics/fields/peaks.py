@@ -7,25 +7,22 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from swarm._support.arrays import Array, namespace
-from swarm._support.checks import check_number, check_point, settle
+from swarm._support.checks import Checked, check_number, check_point, optional, parameter
 from swarm.physics.fields.field import FIELDS
 
 
 @FIELDS.register("radial")
 @dataclass(frozen=True)
-class RadialField:
+class RadialField(Checked):
     """c = c_0 − c_k √(x² + y²) around an egg at the origin (paper: radial concentration field)."""
 
-    gradient_scale: float = 1.0  # c_k, paper table 1
-    offset: float = 100.0  # c_0, paper table 1
-    egg_radius: float = 1.0  # a path that comes this close to the origin has arrived
+    gradient_scale: float = parameter(1.0, check_number, above=0.0)  # c_k, paper table 1
+    offset: float = parameter(100.0, check_number)  # c_0, paper table 1
+    # a path that comes this close to the origin has arrived
+    egg_radius: float = parameter(1.0, check_number, above=0.0)
 
     egg_position = (0.0, 0.0)
     max_gradient = property(attrgetter("gradient_scale"))  # c_k itself
-
-    def __post_init__(self) -> None:
-        settle(self, check_number, "gradient_scale", "egg_radius", above=0.0)
-        settle(self, check_number, "offset")
 
     def concentration(self, position: Array) -> Array:
         return self.offset - self.gradient_scale * _distance_squared(position, (0.0, 0.0)) ** 0.5
@@ -33,25 +30,21 @@ class RadialField:
 
 @FIELDS.register("gaussian_plume")
 @dataclass(frozen=True)
-class GaussianPlume:
+class GaussianPlume(Checked):
     """A patch c = c_0 + A exp(−|r − r₀|²/2w²) around an egg at r₀.
 
     c_k is the steepest gradient, found at the distance w from r₀: c_k = A/(w √e), so A = c_k w √e.
     """
 
-    gradient_scale: float = 1.0  # c_k, |∇c| at the distance `width` [concentration / length]
-    width: float = 10.0  # w [length]
-    offset: float = 0.0  # c_0, far away [concentration]
-    egg_position: tuple[float, float] = (0.0, 0.0)  # r₀ [length]
-    egg_radius: float | None = 1.0  # a path that comes this close to r₀ has arrived; None: nothing ends there
+    # c_k, |∇c| at the distance `width` [concentration / length]
+    gradient_scale: float = parameter(1.0, check_number, above=0.0)
+    width: float = parameter(10.0, check_number, above=0.0)  # w [length]
+    offset: float = parameter(0.0, check_number)  # c_0, far away [concentration]
+    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_point)  # r₀ [length]
+    # a path that comes this close to r₀ has arrived; None: nothing ends there
+    egg_radius: float | None = parameter(1.0, optional(check_number), above=0.0)
 
     max_gradient = property(attrgetter("gradient_scale"))  # c_k itself
-
-    def __post_init__(self) -> None:
-        settle(self, check_number, "gradient_scale", "width", above=0.0)
-        settle(self, check_number, "offset")
-        settle(self, check_point, "egg_position")
-        settle(self, check_number, "egg_radius", above=0.0, optional=True)
 
     @property
     def amplitude(self) -> float:
@@ -66,7 +59,7 @@ class GaussianPlume:
 
 @FIELDS.register("diffusing_source")
 @dataclass(frozen=True)
-class DiffusingSource:
+class DiffusingSource(Checked):
     """The steady cloud c = c_0 + s/√(|r − r₀|² + a²) around an egg at r₀ that releases attractant.
 
     Far from the core a it is the s/|r − r₀| of diffusion in three dimensions, seen in a plane through the
@@ -74,18 +67,14 @@ class DiffusingSource:
     |∇c| at `distance`.
     """
 
-    gradient_scale: float = 1.0  # c_k, |∇c| at `distance` [concentration / length]
-    distance: float = 10.0  # where the gradient is c_k [length]
-    core: float = 1.0  # a [length]
-    offset: float = 0.0  # c_0, far away [concentration]
-    egg_position: tuple[float, float] = (0.0, 0.0)  # r₀ [length]
-    egg_radius: float | None = 1.0  # a path that comes this close to r₀ has arrived; None: nothing ends there
-
-    def __post_init__(self) -> None:
-        settle(self, check_number, "gradient_scale", "distance", "core", above=0.0)
-        settle(self, check_number, "offset")
-        settle(self, check_point, "egg_position")
-        settle(self, check_number, "egg_radius", above=0.0, optional=True)
+    # c_k, |∇c| at `distance` [concentration / length]
+    gradient_scale: float = parameter(1.0, check_number, above=0.0)
+    distance: float = parameter(10.0, check_number, above=0.0)  # where the gradient is c_k [length]
+    core: float = parameter(1.0, check_number, above=0.0)  # a [length]
+    offset: float = parameter(0.0, check_number)  # c_0, far away [concentration]
+    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_point)  # r₀ [length]
+    # a path that comes this close to r₀ has arrived; None: nothing ends there
+    egg_radius: float | None = parameter(1.0, optional(check_number), above=0.0)
 
     @property
     def strength(self) -> float:

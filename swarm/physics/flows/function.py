@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 
 from swarm._support.arrays import Array, namespace
-from swarm._support.checks import check_box, check_function, check_number, settle
+from swarm._support.checks import Checked, check_box, check_function, check_number, optional, parameter
 
 
 @dataclass(frozen=True)
-class FunctionFlow:
+class FunctionFlow(Checked):
     """A flow from plain functions of the position (..., 2) of any array library.
 
     Without `spin` it is found from the velocity by central differences, which is right to about 1e-11 of its
@@ -18,24 +18,19 @@ class FunctionFlow:
     must be given: about the largest speed and spin, for they also set how finely paths are integrated.
     """
 
-    function: Callable[[Array], Array]  # velocity (..., 2) at position (..., 2)
-    speed_scale: float  # [length / time]
-    spin_scale: float  # [rad / time]; where nothing spins, about the largest velocity gradient
-    spin_function: Callable[[Array], Array] | None = None  # spin (...) at position (..., 2)
-    max_speed: float | None = None  # a bound of |u|
-    max_spin: float | None = None  # a bound of |ω₀|
-    period: float | None = None  # length after which the flow repeats in x and y
+    function: Callable[[Array], Array] = parameter(MISSING, check_function)  # velocity (..., 2)
+    speed_scale: float = parameter(MISSING, check_number, above=0.0)  # [length / time]
+    # [rad / time]; where nothing spins, about the largest velocity gradient
+    spin_scale: float = parameter(MISSING, check_number, above=0.0)
+    spin_function: Callable[[Array], Array] | None = parameter(None, optional(check_function))  # spin (...)
+    max_speed: float | None = parameter(None, optional(check_number), at_least=0.0)  # a bound of |u|
+    max_spin: float | None = parameter(None, optional(check_number), at_least=0.0)  # a bound of |ω₀|
+    # length after which the flow repeats in x and y
+    period: float | None = parameter(None, optional(check_number), above=0.0)
     # position (..., 2) -> bool (...); a cell that leaves is truncated
-    inside: Callable[[Array], Array] | None = None
-    box: tuple[tuple[float, float], tuple[float, float]] | None = None  # default start box ((x, x), (y, y))
-
-    def __post_init__(self) -> None:
-        settle(self, check_function, "function")
-        settle(self, check_number, "speed_scale", "spin_scale", above=0.0)
-        settle(self, check_function, "spin_function", "inside", optional=True)
-        settle(self, check_number, "max_speed", "max_spin", at_least=0.0, optional=True)
-        settle(self, check_number, "period", above=0.0, optional=True)
-        settle(self, check_box, "box", optional=True)
+    inside: Callable[[Array], Array] | None = parameter(None, optional(check_function))
+    # default start box ((x, x), (y, y)) [length]
+    box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, optional(check_box))
 
     def velocity(self, position: Array) -> Array:
         return self.function(position)

@@ -7,26 +7,26 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from swarm._support.arrays import Array, namespace
-from swarm._support.checks import check_number, check_point, settle
+from swarm._support.checks import Checked, check_number, check_point, parameter
 from swarm.physics.flows.flow import FLOWS
 
 
 @FLOWS.register("uniform")
 @dataclass(frozen=True)
-class UniformFlow:
+class UniformFlow(Checked):
     """A current u = (u_x, u_y), the same everywhere. Nothing spins in it: ω₀ = 0.
 
     The spin scale is 1 rad per time, because a spin that is zero everywhere is so in any unit.
     """
 
-    current: tuple[float, float] = (0.1, 0.0)  # (u_x, u_y) [length / time]
+    current: tuple[float, float] = parameter((0.1, 0.0), check_point)  # (u_x, u_y) [length / time]
 
     spin_scale = 1.0
     max_spin = 0.0
     max_speed = property(attrgetter("speed_scale"))
 
     def __post_init__(self) -> None:
-        settle(self, check_point, "current")
+        super().__post_init__()
         if self.speed_scale == 0.0:
             raise ValueError(f"current must not be zero, got {self.current}; StillWater() has no flow")
 
@@ -46,19 +46,16 @@ class UniformFlow:
 
 @FLOWS.register("shear")
 @dataclass(frozen=True)
-class ShearFlow:
+class ShearFlow(Checked):
     """Simple shear u = (u₀ y/h, 0), ω₀ = −u₀/2h: at rest on the line y = 0, speed u₀ at the height h.
 
     Its speed has no bound, so neither has the observation of it.
     """
 
-    speed_scale: float = 0.1  # u₀, the speed at `height` [length / time]
-    height: float = 10.0  # h [length]
+    speed_scale: float = parameter(0.1, check_number, above=0.0)  # u₀, the speed at `height` [length / time]
+    height: float = parameter(10.0, check_number, above=0.0)  # h [length]
 
     max_spin = property(attrgetter("spin_scale"))
-
-    def __post_init__(self) -> None:
-        settle(self, check_number, "speed_scale", "height", above=0.0)
 
     @property
     def spin_scale(self) -> float:
@@ -77,22 +74,22 @@ class ShearFlow:
 
 @FLOWS.register("poiseuille")
 @dataclass(frozen=True)
-class PoiseuilleFlow:
+class PoiseuilleFlow(Checked):
     """Flow along a channel between walls at y = a and y = b: u = (4 u₀ (y − a)(b − y)/(b − a)², 0).
 
     Its spin is ω₀ = −2 u₀ (a + b − 2y)/(b − a)². A cell that leaves the channel is truncated; behind a wall
     the values at the wall go on.
     """
 
-    speed_scale: float = 0.1  # u₀, the speed in the middle [length / time]
-    walls: tuple[float, float] = (0.0, 10.0)  # a, b [length]
+    # u₀, the speed in the middle [length / time]
+    speed_scale: float = parameter(0.1, check_number, above=0.0)
+    walls: tuple[float, float] = parameter((0.0, 10.0), check_point)  # a, b [length]
 
     max_speed = property(attrgetter("speed_scale"))
     max_spin = property(attrgetter("spin_scale"))
 
     def __post_init__(self) -> None:
-        settle(self, check_number, "speed_scale", above=0.0)
-        settle(self, check_point, "walls")
+        super().__post_init__()
         if self.walls[0] >= self.walls[1]:
             raise ValueError(f"walls must rise, got {self.walls}")
 

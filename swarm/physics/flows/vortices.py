@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from swarm._support.arrays import Array, join, namespace
-from swarm._support.checks import check_flag, check_number, check_point, settle
+from swarm._support.checks import Checked, check_flag, check_number, check_point, parameter
 from swarm.physics.flows.flow import FLOWS
 
 # Lamb–Oseen: x² = 1.2564… solves 1 + 2x² = exp(x²), and there (1 − exp(−x²))/x is largest.
@@ -16,18 +16,15 @@ PEAK_VELOCITY = 0.6381726863389515  # at x = 1.1209064227785340 cores, in Γ/(2�
 
 @FLOWS.register("taylor_green")
 @dataclass(frozen=True)
-class TaylorGreen:
+class TaylorGreen(Checked):
     """Taylor–Green vortices u = u₀ (cos kx sin ky, −sin kx cos ky), ω₀ = −u₀ k cos kx cos ky (paper: external
     flow)."""
 
-    speed_scale: float = 0.1  # u₀, paper table 1
-    wavenumber: float = math.pi / 10  # k, paper table 1
+    speed_scale: float = parameter(0.1, check_number, above=0.0)  # u₀, paper table 1
+    wavenumber: float = parameter(math.pi / 10, check_number, above=0.0)  # k, paper table 1
 
     max_speed = property(attrgetter("speed_scale"))
     max_spin = property(attrgetter("spin_scale"))
-
-    def __post_init__(self) -> None:
-        settle(self, check_number, "speed_scale", "wavenumber", above=0.0)
 
     @property
     def spin_scale(self) -> float:
@@ -63,25 +60,20 @@ class TaylorGreen:
 
 @FLOWS.register("vortex")
 @dataclass(frozen=True)
-class Vortex:
+class Vortex(Checked):
     """A Lamb–Oseen vortex at r₀: u_φ = Γ/(2πr) (1 − exp(−r²/a²)), ω₀ = Γ/(2πa²) exp(−r²/a²), with r from r₀.
 
     Within about a core a the water turns like a solid body, farther out the velocity falls as 1/r. Γ follows
     from the largest speed, u₀ = 0.638 Γ/(2πa), found at r = 1.121 a.
     """
 
-    speed_scale: float = 0.1  # u₀, the largest speed [length / time]
-    core: float = 2.0  # a [length]
-    centre: tuple[float, float] = (5.0, 5.0)  # r₀ [length]
-    clockwise: bool = False
+    speed_scale: float = parameter(0.1, check_number, above=0.0)  # u₀, the largest speed [length / time]
+    core: float = parameter(2.0, check_number, above=0.0)  # a [length]
+    centre: tuple[float, float] = parameter((5.0, 5.0), check_point)  # r₀ [length]
+    clockwise: bool = parameter(False, check_flag)
 
     max_speed = property(attrgetter("speed_scale"))
     max_spin = property(attrgetter("spin_scale"))
-
-    def __post_init__(self) -> None:
-        settle(self, check_number, "speed_scale", "core", above=0.0)
-        settle(self, check_point, "centre")
-        settle(self, check_flag, "clockwise")
 
     @property
     def spin_scale(self) -> float:

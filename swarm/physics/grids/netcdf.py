@@ -79,10 +79,12 @@ def _read(path: str | os.PathLike, names: Sequence[str] | None) -> Any:
             names = [name for name, item in stored.items() if name not in AXES and len(item.shape or ()) == 2]
         for name in names:
             check_name("variable", name, [known for known in stored if known not in AXES])
-        variables = {}
-        for name in [*names, *(axis for axis in AXES if axis in stored)]:
-            _check_header(name, stored[name])
-            variables[name] = (_dimensions(name, stored[name]), stored[name][()], _attributes(stored[name]))
+        wanted = {name: stored[name] for name in (*names, *AXES) if name in stored}
+        for name, item in wanted.items():
+            _check_header(name, item)
+        variables = {
+            name: (_dimensions(name, item), item[()], _attributes(item)) for name, item in wanted.items()
+        }
     coordinates = {axis: variables.pop(axis) for axis in AXES if axis in variables}
     return xr.decode_cf(xr.Dataset(variables, coordinates), decode_times=False)
 

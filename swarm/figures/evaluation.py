@@ -1,0 +1,48 @@
+"""Folders of results: numbers, tables and figures of an evaluation, written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+
+from swarm import figures
+from swarm._support import files
+from swarm._support.tables import Table
+from swarm.population.evaluation import Evaluation
+from swarm.population.noise import KINDS, NoiseSweep, records
+from swarm.population.results import RIVAL, save_population
+
+
+def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
+    """Writes population.nc, summary.json, gains.png, centerlines.png, comparison.png and, where there is an
+    egg, radial.png.
+
+    Raises FileExistsError where `out` is something else than a new or an empty folder.
+    """
+    results, world = found.results, found.world
+    contenders = list(dict.fromkeys([found.label, RIVAL]))
+    text = json.dumps(found.summary, indent=2, allow_nan=False, ensure_ascii=False)
+    drawn = {
+        "gains": figures.gains(results, policies=contenders),
+        "centerlines": figures.centrelines(results, world, policies=contenders, cells=40),
+        "comparison": figures.comparison(results, world),
+    }
+    if world.egg is not None:
+        drawn["radial"] = figures.radial(results, world, policy=found.label)
+    with files.new_folder(out) as folder:
+        save_population(results, folder / "population.nc")
+        (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+        for name, figure in drawn.items():
+            figures.save(figure, folder / f"{name}.png")
+
+
+def save_noise_sweep(found: NoiseSweep, out: str | os.PathLike) -> None:
+    """Writes noise.nc, noise.csv and noise.png; raises FileExistsError as `save_evaluation` does."""
+    levels = found.results["noise"].values.tolist()
+    (kind,) = (kind for kind in KINDS.values() if kind.parameter == found.results.attrs["kind"])
+    units = kind.units.replace("^2", "²").replace("/", " / ")
+    figure = figures.noise_sweep(levels, found.tests, label=f"{kind.label} [{units}]")
+    with files.new_folder(out) as folder:
+        found.results.to_netcdf(folder / "noise.nc", engine="h5netcdf")
+        (folder / "noise.csv").write_text(Table.of(records(found.results)).as_csv(), encoding="utf-8")
+        figures.save(figure, folder / "noise.png")

@@ -1,0 +1,90 @@
+"""Folders of results: what they hold, and that they are there whole or not at all."""
+
+from __future__ import annotations
+
+import json
+
+import pandas as pd
+import pytest
+import xarray as xr
+
+from swarm import figures
+from swarm.figures.evaluation import save_evaluation, save_noise_sweep
+from swarm.physics.world import World
+from swarm.policies.network import save_policy
+from swarm.population.evaluation import evaluate
+from swarm.population.noise import COLUMNS, sweep_noise
+from swarm.population.results import load_population, world_of
+from tests.policies.test_network import make
+
+
+def no_number(text):
+    raise AssertionError(f"{text} is no JSON")
+
+
+def swept(policy="random", **options):
+    return sweep_noise(policy, World(), (0.0, 0.1), **{"cells": 3, "life": 6, "seed": 2, **options})
+
+
+def evaluated(policy="random", world=None, **options):
+    options = {"experiment": "own", "cells": 3, "life": 5, **options}
+    return evaluate(policy, world or World(), **options)
+
+
+@pytest.mark.parametrize(("egg", "further"), [(False, set()), (True, {"radial.png"})])
+def test_the_folder_of_an_evaluation_holds_what_was_found(tmp_path, egg, further):
+    world = World(field="radial" if egg else "linear")
+    done = evaluated(world=world)
+    save_evaluation(done, tmp_path / "deep" / "out")
+    files = {"population.nc", "summary.json", "gains.png", "centerlines.png", "comparison.png"}
+    out = tmp_path / "deep" / "out"
+    assert {file.name for file in out.iterdir()} == files | further
+    assert all(file.read_bytes().startswith(b"\x89PNG") for file in out.glob("*.png"))
+    assert json.loads((out / "summary.json").read_text(), parse_constant=no_number) == done.summary
+    results = load_population(out / "population.nc")
+    assert results.identical(done.results)
+    assert world_of(results) == world.replace(life=5.0)
+
+
+def test_the_folder_of_a_sweep_holds_table_results_and_figure_with_their_origin(tmp_path):
+    save_policy(make(), tmp_path / "policy.safetensors")
+    done, out = swept(str(tmp_path), kind="curvature"), tmp_path / "out"
+    save_noise_sweep(done, out)
+    assert {file.name for file in out.iterdir()} == {"noise.nc", "noise.csv", "noise.png"}
+    with xr.open_dataset(out / "noise.nc", engine="h5netcdf") as stored:
+        assert stored.load().identical(done.results)
+    rows = pd.read_csv(out / "noise.csv")
+    assert list(rows) == ["kind", "noise", "policy", *COLUMNS, "cells", "life", "seed", "commit"]
+    assert rows[["kind", "noise", "policy"]].values.tolist() == [
+        ["curvature_noise", level, name] for level in (0.0, 0.1) for name in ("dqn", "greedy")
+    ]
+    for column in COLUMNS:
+        assert rows[column].tolist() == done.results[column].values.ravel().tolist()
+    assert rows[["cells", "life", "seed"]].drop_duplicates().values.tolist() == [[3, 6, 2]]
+
+
+def test_a_single_cell_has_no_intervals(tmp_path):
+    save_noise_sweep(swept(cells=1), tmp_path / "out")
+    assert pd.read_csv(tmp_path / "out" / "noise.csv")["gain_low"].isna().all()
+
+
+@pytest.mark.parametrize(("find", "save"), [(evaluated, save_evaluation), (swept, save_noise_sweep)])
+def test_doing_it_again_gives_the_same_bytes_and_overwrites_nothing(tmp_path, find, save):
+    for name in ("one", "two"):
+        save(find(), tmp_path / name)
+    before = {file.name: file.read_bytes() for file in (tmp_path / "one").iterdir()}
+    assert before == {file.name: file.read_bytes() for file in (tmp_path / "two").iterdir()}
+    with pytest.raises(FileExistsError, match=str(tmp_path / "one")):
+        save(find(), tmp_path / "one")
+    assert before == {file.name: file.read_bytes() for file in (tmp_path / "one").iterdir()}
+
+
+@pytest.mark.parametrize(("find", "save"), [(evaluated, save_evaluation), (swept, save_noise_sweep)])
+def test_a_failure_on_the_way_leaves_nothing(tmp_path, monkeypatch, find, save):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(figures, "save", full)
+    with pytest.raises(OSError, match="No space left"):
+        save(find(), tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
