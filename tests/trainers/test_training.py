@@ -66,21 +66,15 @@ def test_the_paper_recipe_has_the_papers_numbers_with_flow(experiment):
 
 @pytest.mark.parametrize("experiment", ["linear_n2", "linear_n4", "linear_n8", "varying_speed", "radial"])
 def test_the_paper_recipe_is_the_defaults_without_flow(experiment):
-    assert (
-        composing.settings_from(["recipe=paper", f"experiment={experiment}"]).learning == DQNSettings()
-    )
+    assert composing.settings_from(["recipe=paper", f"experiment={experiment}"]).learning == DQNSettings()
 
 
-def test_recipes_state_only_what_differs_from_the_papers_numbers():
-    defaults = composing.OmegaConf.to_container(composing.OmegaConf.structured(Settings))
-    for file in (composing.config_folder() / "recipe").glob("*.yaml"):
-        stated = yaml.safe_load(file.read_text())
-        same = (
-            [name for name, value in stated["learning"].items() if value == defaults["learning"][name]]
-            if ("learning" in stated)
-            else []
-        )
-        assert not same, file.name
+def test_files_state_only_what_differs_from_the_typed_defaults():
+    for algorithm in ("dqn", "ppo"):
+        defaults = Settings(algorithm=algorithm).dotted()
+        for file in composing.config_folder().glob(f"algorithm/{algorithm}/*.yaml"):
+            stated = yaml.safe_load(file.read_text()).get("learning", {})
+            assert not [name for name, value in stated.items() if value == defaults[f"learning.{name}"]], file
 
 
 # --- schedules ----------------------------------------------------------------------------------------------
