@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -15,7 +14,7 @@ from trainers.algorithms.networks import exported
 from trainers.algorithms.schedules import epsilon_at, learning_rate_at
 from trainers.settings import composition as composing
 from trainers.settings.learning import DQNSettings
-from trainers.settings.schema import EvaluationSettings
+from trainers.settings.schema import EvaluationSettings, Settings
 from trainers.training import run as running
 from trainers.training import run_folder as runs
 from trainers.training.loop import Training
@@ -71,11 +70,12 @@ def test_the_paper_recipe_is_the_defaults_without_flow(experiment):
     assert composing.settings_from(["recipe=paper", f"experiment={experiment}"]).learning == DQNSettings()
 
 
-def test_recipes_state_only_what_differs_from_the_papers_numbers():
-    defaults = dataclasses.asdict(DQNSettings())
-    for file in (composing.config_folder() / "recipe").glob("*.yaml"):
-        stated = yaml.safe_load(file.read_text()).get("learning", {})
-        assert not [name for name, value in stated.items() if value == defaults[name]], file.name
+def test_files_state_only_what_differs_from_the_typed_defaults():
+    for algorithm in ("dqn", "ppo"):
+        defaults = Settings(algorithm=algorithm).dotted()
+        for file in composing.config_folder().glob(f"algorithm/{algorithm}/*.yaml"):
+            stated = yaml.safe_load(file.read_text()).get("learning", {})
+            assert not [name for name, value in stated.items() if value == defaults[f"learning.{name}"]], file
 
 
 # --- schedules ----------------------------------------------------------------------------------------------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import subprocess
 import sys
 import threading
@@ -20,7 +19,6 @@ from trainers.training.run_folder import (
     RunFolder,
     default_folder,
     read_table,
-    safe_name,
 )
 
 SETTINGS = short_settings(experiment="linear_n2", seed=7)
@@ -188,8 +186,3 @@ def test_what_killed_writes_left_behind_is_removed_and_nothing_else(tmp_path):
     assert {path.name for path in run.path.iterdir()} == left
     assert not list(of_seed.iterdir())
     assert len(list(elsewhere.iterdir())) == 1
-
-
-def test_safe_names_hold_no_paths():
-    assert safe_name("a/../b c=1,2") == "a_.._b_c_1_2"
-    assert os.sep not in safe_name("/etc/passwd")
