@@ -53,7 +53,7 @@ class Sampling(TensorDictModuleBase):
         return tensordict.set("seen", self.seen(tensordict["observation"]))
 
     def seen(self, observation: Tensor) -> Tensor:
-        """The cells' observations (seeds, cells, ...); with a central critic the state of their worlds too."""
+        """Observations (seeds, cells, ...); with a central critic followed by the state of their worlds."""
         if not self.central:
             return observation
         env, state = self.env, self.env.state
