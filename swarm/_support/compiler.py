@@ -12,6 +12,8 @@ import types
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 Array = Any
 
 
@@ -56,9 +58,9 @@ class Functions:
         self.cos: Callable[[Pieces], Pieces] = lambda angle: _each(namespace.cos, angle)
 
 
-def unrolled(array: Array, axes: int) -> Any:
-    """`array` as it is, or while torch compiles in pieces along its first `axes` axes."""
-    return in_pieces(array, axes) if compiling(array) else array
+def unrolled(arrays: tuple[Array, ...], axes: int) -> tuple[Any, ...]:
+    """The arrays as they are, or while torch compiles in pieces along their first `axes` axes."""
+    return tuple(in_pieces(array, axes) for array in arrays) if compiling(arrays[0]) else arrays
 
 
 def in_pieces(array: Array, axes: int) -> Any:
@@ -86,7 +88,7 @@ def _each(function: Callable[..., Array], *operands: Any) -> Any:
 
 def compiling(array: Array) -> bool:
     """Whether torch is compiling what is done to `array`."""
-    if type(array).__module__ != "torch":
+    if isinstance(array, np.ndarray) or type(array).__module__ != "torch":
         return False
     import torch
 

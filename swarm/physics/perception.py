@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from swarm._support.arrays import is_torch, join, namespace
+from swarm._support.arrays import join, namespace
 from swarm._support.registry import Registry
 from swarm.physics.motion.arc import components
 from swarm.physics.motion.collocation import velocity_and_spin
@@ -144,16 +144,13 @@ def memory_of(records: list[Sequence[Array]]) -> Array:
 
 def renew(memory: Array, newest: Sequence[Array]) -> tuple[Array, Array]:
     """Memory with a record more and the oldest dropped, and the observation of it."""
-    if not is_torch(memory):
-        memory = remember(memory, join(*newest))
-        return memory, observe(memory)
-    numbers = (*newest, *_numbers(memory)[: -len(newest)])
-    return namespace(memory).reshape(join(*numbers), memory.shape), _seen(numbers, len(newest))
-
-
-def remember(memory: Array, newest: Array) -> Array:
-    """Memory shifted by one record: `newest` (..., features) first, the oldest dropped."""
-    return namespace(memory).concat([newest[..., None, :], memory[..., :-1, :]], axis=-2)
+    features = len(newest)
+    if isinstance(memory, np.ndarray):
+        older = memory.reshape(*memory.shape[:-2], -1)[..., :-features]
+        numbers = np.concatenate([*(number[..., None] for number in newest), older], axis=-1)
+        return numbers.reshape(memory.shape), _observed(numbers, features)
+    columns = (*newest, *_columns(memory)[:-features])
+    return namespace(memory).reshape(join(*columns), memory.shape), _observed_by_column(columns, features)
 
 
 def observe(memory: Array) -> Array:
@@ -162,33 +159,35 @@ def observe(memory: Array) -> Array:
     c*, κ* (u_x*, u_y*, ω₀*) of the newest record, then of the next older, … (paper: normalisation of the
     input vector).
     """
-    if is_torch(memory):
-        return _seen(_numbers(memory), memory.shape[-1])
-    xp = namespace(memory)
-    concentrations = memory[..., 0]
-    n_records, features = memory.shape[-2:]
+    if isinstance(memory, np.ndarray):
+        return _observed(memory.reshape(*memory.shape[:-2], -1), memory.shape[-1])
+    return _observed_by_column(_columns(memory), memory.shape[-1])
+
+
+def _observed(numbers: np.ndarray, features: int) -> np.ndarray:
+    concentrations = numbers[..., ::features]
+    n_records = concentrations.shape[-1]
     total = concentrations[..., 0]
     for i in range(1, n_records):  # much quicker than a sum over a short axis
         total = total + concentrations[..., i]
-    centred = concentrations - (total / n_records)[..., None]
-    seen = xp.concat([centred[..., None], memory[..., 1:]], axis=-1)
-    flat = xp.reshape(seen, (*memory.shape[:-2], n_records * features))
-    return xp.astype(flat, xp.float32, copy=False)
+    observation = numbers.astype(np.float32)
+    observation[..., ::features] = concentrations - (total / n_records)[..., None]
+    return observation
 
 
-# Torch tensors are worked on number by number, see `join`.
+# Other arrays are worked on number by number, see `join`, and cannot be written to.
 
 
-def _numbers(memory: Array) -> tuple[Array, ...]:
+def _columns(memory: Array) -> tuple[Array, ...]:
     """The numbers (...) of all records, newest first."""
     xp = namespace(memory)
     return xp.unstack(xp.reshape(memory, (*memory.shape[:-2], -1)), axis=-1)
 
 
-def _seen(numbers: tuple[Array, ...], features: int) -> Array:
-    concentrations = numbers[::features]
+def _observed_by_column(columns: Sequence[Array], features: int) -> Array:
+    concentrations = columns[::features]
     mean = sum(concentrations[1:], start=concentrations[0]) / len(concentrations)
-    seen = [number if i % features else number - mean for i, number in enumerate(numbers)]
+    seen = [column if i % features else column - mean for i, column in enumerate(columns)]
     observation = join(*seen)
     xp = namespace(observation)
     return xp.astype(observation, xp.float32, copy=False)

@@ -126,13 +126,9 @@ class World(Parameters):
         `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed
         when a perturbation is on. Pure: `state` is left as it was.
         """
-        needed = (*state.finished.shape, NOISE_CHANNELS)
-        if self.has_noise and (noise is None or noise.shape != needed):
-            raise ValueError(
-                f"noise must be standard normal numbers {needed}, because the world has perturbations, "
-                f"got {None if noise is None else tuple(noise.shape)}"
-            )
-        over = state.finished if self._ends_early or not self.has_common_tick else None
+        if self.has_noise:
+            self._check_noise(state, noise)
+        over = state.finished if self._ends_early or not self.clock.has_common_tick else None
         kick = self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
         interval = self.swimmer.next_interval(state.clock, action, over, kick, state.position)
         pose, path = self.swimmer.swim(state.pose, interval)
@@ -148,9 +144,17 @@ class World(Parameters):
         terminated, truncated, finished = self._ends(state, action, kick, interval, pose, path)
         start_concentration = state.start_concentration
         after = State(*pose, memory, interval.count, start_concentration, finished)
-        gain = concentration - start_concentration
-        outcome = Outcome(observation, None, terminated, truncated, gain)
-        return after, outcome._replace(reward=self.reward.reward(self, state, after, outcome))
+        ends = terminated, truncated, concentration - start_concentration
+        reward = self.reward.reward(self, state, after, Outcome(observation, None, *ends))
+        return after, Outcome(observation, reward, *ends)
+
+    def _check_noise(self, state: State, noise: Array | None) -> None:
+        needed = (*state.finished.shape, NOISE_CHANNELS)
+        if noise is None or noise.shape != needed:
+            raise ValueError(
+                f"noise must be standard normal numbers {needed}, because the world has perturbations, "
+                f"got {None if noise is None else tuple(noise.shape)}"
+            )
 
     def time(self, state: State) -> Array:
         """Time lived (..., cells), `life` exactly when it is up [time]."""

@@ -11,10 +11,10 @@ from tests.reference import array, to_numpy
 
 def test_a_new_record_comes_first_and_the_oldest_is_dropped(xp):
     memory = array(xp, [[[1.0, -1.0], [2.0, 1.0], [3.0, -1.0]]])
-    newest = array(xp, [[4.0, 1.0]])
-    remembered = perception.remember(memory, newest)
-    np.testing.assert_array_equal(to_numpy(remembered), [[[4.0, 1.0], [1.0, -1.0], [2.0, 1.0]]])
+    renewed, seen = perception.renew(memory, (array(xp, [5.0]), array(xp, [1.0])))
+    np.testing.assert_array_equal(to_numpy(renewed), [[[5.0, 1.0], [1.0, -1.0], [2.0, 1.0]]])
     np.testing.assert_array_equal(to_numpy(memory), [[[1.0, -1.0], [2.0, 1.0], [3.0, -1.0]]])
+    np.testing.assert_array_equal(to_numpy(seen), to_numpy(perception.observe(renewed)))
 
 
 def test_an_observation_is_ordered_record_by_record_with_concentrations_from_their_mean(xp):

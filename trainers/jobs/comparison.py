@@ -14,7 +14,9 @@ from swarm._support.tables import Table
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
 from swarm.population.evaluation import LEARNT
+from swarm.population.intervals import mean_interval
 from swarm.population.results import RIVAL
+from swarm.population.statistics import fraction_of_limit
 from trainers.settings.composition import settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import run_folder as runs
@@ -46,9 +48,10 @@ class Group(NamedTuple):
         return np.array([member.gains.mean() for member in self.members])
 
     def row(self) -> dict[str, Any]:
-        """What the table says of the group; low and high: 95% t-interval of the mean over seeds."""
+        """What the table says of the group; low and high: 95% interval of the mean, over seeds and cells."""
         means = self.means
-        low, high = _interval(means)
+        interval = mean_interval(np.stack([member.gains for member in self.members]))
+        low, high = interval or (None, None)
         limits = [member.limit for member in self.members if member.limit is not None]
         limit = float(np.mean(limits)) if len(limits) == len(self.members) else None
         return {
@@ -61,18 +64,8 @@ class Group(NamedTuple):
             "best": float(means.max()),
             "greedy": float(np.mean([member.greedy.mean() for member in self.members])),
             "limit": limit,
-            "fraction_of_limit": None if limit is None else float(means.mean() / limit),
+            "fraction_of_limit": fraction_of_limit(float(means.mean()), limit),
         }
-
-
-def _interval(means: np.ndarray) -> tuple[float | None, float | None]:
-    """Student's 95% interval of the mean of few numbers; none of one."""
-    if len(means) < 2:
-        return None, None
-    from scipy import stats
-
-    half = stats.t.ppf(0.975, len(means) - 1) * stats.sem(means)
-    return float(means.mean() - half), float(means.mean() + half)
 
 
 def compare(
@@ -143,7 +136,7 @@ def _told_by_names(key: str, described: Sequence[dict[str, Any]]) -> bool:
 
 def table(groups: Sequence[Group]) -> Table:
     """A row per group, best first."""
-    headings = ["runs", "seeds", "gain", "95% interval over seeds", "worst", "best", "greedy", "of the limit"]
+    headings = ["runs", "seeds", "gain", "95% interval", "worst", "best", "greedy", "of the limit"]
     rows = []
     for row in sorted((group.row() for group in groups), key=lambda each: -each["mean"]):
         interval = None if row["low"] is None else f"{row['low']:.2f} … {row['high']:.2f}"

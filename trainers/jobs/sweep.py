@@ -6,7 +6,6 @@ and goes on with what is not.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import os
 from collections.abc import Sequence
@@ -93,6 +92,7 @@ def named(combinations: Sequence[Sequence[str]]) -> list[str]:
     if len(combinations) == 1:
         fixed = set()
     names = [",".join(sorted(set(combination) - fixed)) for combination in combinations]
+    names = [name.replace(os.sep, "_") for name in names]  # of paths of data
     for name in names:
         if names.count(name) > 1:
             raise RunError(f"combinations must differ, got the same one {names.count(name)} times")
@@ -124,8 +124,7 @@ def _make_folder(folder: Path, paths: Sequence[Path], wanted: Sequence[Settings]
 def _differing(path: Path, settings: Settings) -> str:
     """The settings in which a run that is there differs from these."""
     try:
-        stored = settings_from_stored(RunFolder.open(path)[1])
+        stored = settings_from_stored(RunFolder.open(path)[1], path).identity()
     except (RunError, SettingsError) as error:
         return f"version's settings ({error})"
-    keys = [item.name for item in dataclasses.fields(settings)]
-    return ", ".join(key for key in keys if getattr(stored, key) != getattr(settings, key))
+    return ", ".join(key for key, value in settings.identity().items() if stored[key] != value)

@@ -18,17 +18,17 @@ from typing import Any
 import swarm
 from swarm._support import files
 from swarm.policies.network import Network, save_policy
-from trainers.paper.curves import TrainingCurve, curve_of
 from trainers.paper.measurements import DEVISED, Stack
-from trainers.paper.outputs import RECORD, RESULTS, SEEDS
 from trainers.paper.plan import EXPERIMENTS, RUNS, TESTS, Training
-from trainers.paper.reproduction import trained_stacks
+from trainers.paper.reproduction import RECORD, RESULTS, SEEDS
+from trainers.paper.stacks import TrainingCurve, curve_of, trained_stacks
 from trainers.paper.tables import Row
 from trainers.settings.composition import SettingsError, settings_from_stored
-from trainers.training.run_folder import RunError, RunFolder
+from trainers.training.run_folder import RunError
 
 RECIPE = "swarm"  # whose policies are shipped
 ZOO = Path(swarm.__file__).parent / "zoo"
+GAIN = {"mean": "gain", "std": "std", "min": "min", "max": "max"}  # of the card, in the table of seeds
 
 
 class ZooError(RuntimeError):
@@ -42,24 +42,21 @@ def ship(out: Path, zoo: Path = ZOO) -> list[str]:
     PolicyError.
     """
     record = _record(out)
-    planned = [
-        _training(out, record, name) for name in EXPERIMENTS if f"{RECIPE}/{name}" in record["trainings"]
-    ]
+    planned = {name: _trainings(out, record, name) for name in EXPERIMENTS}
+    planned = {name: parts for name, parts in planned.items() if parts}
     if not planned:
         raise ZooError(f"{out} must hold trainings of the recipe {RECIPE}, got none")
-    stacks = trained_stacks(planned)
     results, seeds = _rows(out / RESULTS), _rows(out / SEEDS)
     wanted = []
-    for each in planned:
-        stack = stacks[each.recipe, each.experiment]
-        card = _card(each, stack, results, seeds, record)
-        curve = curve_of(RunFolder(each.folder), each.settings)
-        wanted.append((each.experiment, Network(stack.choice.weights, stack.choice.biases, card), curve))
+    for name, parts in planned.items():
+        stack = trained_stacks(parts)[RECIPE, name]
+        card = _card(parts, stack, results, seeds, record)
+        wanted.append((name, Network(stack.choice.weights, stack.choice.biases, card), curve_of(parts)))
     zoo.mkdir(parents=True, exist_ok=True)
     for name, policy, curve in wanted:
         files.write_text(zoo / f"{name}.json", as_text(policy.card, curve))
         save_policy(policy, zoo / f"{name}.safetensors")
-    return [name for name, *_ in wanted]
+    return list(planned)
 
 
 def _record(out: Path) -> dict[str, Any]:
@@ -72,10 +69,11 @@ def _record(out: Path) -> dict[str, Any]:
     return record
 
 
-def _training(out: Path, record: dict[str, Any], experiment: str) -> Training:
-    stored = record["trainings"][f"{RECIPE}/{experiment}"]
-    settings = settings_from_stored(stored["settings"])
-    return Training(RECIPE, experiment, settings, out / RUNS / stored["run"])
+def _trainings(out: Path, record: dict[str, Any], experiment: str) -> list[Training]:
+    return [
+        Training(RECIPE, experiment, settings_from_stored(stored["settings"]), out / RUNS / stored["run"])
+        for stored in record["trainings"].get(f"{RECIPE}/{experiment}", [])
+    ]
 
 
 def _rows(path: Path) -> list[Row]:
@@ -84,14 +82,18 @@ def _rows(path: Path) -> list[Row]:
 
 
 def _card(
-    training: Training, stack: Stack, results: Sequence[Row], seeds: Sequence[Row], record: dict[str, Any]
+    parts: Sequence[Training],
+    stack: Stack,
+    results: Sequence[Row],
+    seeds: Sequence[Row],
+    record: dict[str, Any],
 ) -> dict[str, Any]:
     """The policy's card, with what the test says of it; raises ZooError where that was of another policy."""
     test, kind = next(
         (name, kind)
         for name, kinds in TESTS.items()
         for kind, experiment in kinds.items()
-        if experiment == training.experiment and kind != "still"
+        if experiment == stack.experiment and kind != "still"
     )
     place = {"test": test, "policy": kind, "recipe": RECIPE}
     tested = _one(seeds, **place, seed=str(stack.seeds[stack.chosen]))
@@ -99,28 +101,25 @@ def _card(
     card = stack.choice.card
     if f"{card['validation']['gain']:.6g}" != tested["validation_gain"]:
         raise ZooError(
-            f"the report must be about the runs beside it, but {training.folder} was trained after it: "
+            f"the report must be about the runs beside it, but {parts[0].folder} was trained after it: "
             "run swarm reproduce again"
         )
-    settings = dataclasses.asdict(training.settings)
+    settings = dataclasses.asdict(parts[0].settings)
     return card | {
-        "experiment": training.experiment,
+        "experiment": stack.experiment,
         "settings": {name: settings[name] for name in card["settings"]},
         "seeds": list(stack.seeds),  # among which validation chose
         "test": {
             "cells": int(whole["cells"]),
             "life": float(whole["life"]),
             "seed": record["plan"]["seed"],
-            "gain": {name: float(tested[column]) for name, column in _GAIN.items()},
+            "gain": {name: float(tested[column]) for name, column in GAIN.items()},
             "limit": _number(whole["limit"]),
             "fraction_of_limit": _number(tested["part_of_limit"]),
             "arrived": _number(tested["arrived"]),
             "greedy": float(greedy["gain"]),
         },
     }
-
-
-_GAIN = {"mean": "gain", "std": "std", "min": "min", "max": "max"}
 
 
 def _one(rows: Sequence[Row], **values: str) -> Row:

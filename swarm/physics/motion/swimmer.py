@@ -116,11 +116,10 @@ class Swimmer:
         """The pose after an interval, and in a flow the positions on the way to it, if the scheme has any."""
         scheme = self.scheme
         if scheme is None:
-            return along_arc(pose, Motion(*(unrolled(part, 1) for part in interval.motion))), None
-        axes = 0 if scheme.outputs else 2
-        motion = Motion(*(unrolled(part, axes) for part in interval.motion))
-        weights = unrolled(self.tables(pose.position).weights, axes)
-        return scheme.swim(pose, motion, interval.speed, interval.length, weights, self.flow)
+            return along_arc(pose, Motion(*unrolled(interval.motion, 1))), None
+        weights = self.tables(pose.position).weights
+        *motion, weights = unrolled((*interval.motion, weights), 0 if scheme.outputs else 2)
+        return scheme.swim(pose, Motion(*motion), interval.speed, interval.length, weights, self.flow)
 
     def swim_back(self, pose: Pose, curvature: Array, speed: Array, length: Array) -> Pose:
         """The pose one interval before, by the same scheme: it must not depend on which cells there are."""
