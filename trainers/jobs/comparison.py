@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm._support import files, provenance
-from swarm._support.tables import Table
+from swarm._support.tables import Table, percent, span
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
 from swarm.population.evaluation import LEARNT
@@ -46,33 +46,25 @@ class Group(NamedTuple):
         return np.array([member.gains.mean() for member in self.members])
 
     def row(self) -> dict[str, Any]:
-        """What the table says of the group; low and high: 95% t-interval of the mean over seeds."""
-        means = self.means
-        low, high = _interval(means)
+        """What the table says of the group; low and high: Student's 95% interval of the mean over seeds."""
+        from scipy import stats
+
+        means, mean = self.means, float(self.means.mean())
+        half = stats.t.ppf(0.975, len(means) - 1) * stats.sem(means) if len(means) > 1 else None
         limits = [member.limit for member in self.members if member.limit is not None]
-        limit = float(np.mean(limits)) if len(limits) == len(self.members) else None
+        limit = float(np.mean(limits)) if len(limits) == len(means) else None
         return {
             "runs": self.label,
-            "seeds": len(self.members),
-            "mean": float(means.mean()),
-            "low": low,
-            "high": high,
+            "seeds": len(means),
+            "mean": mean,
+            "low": None if half is None else float(mean - half),
+            "high": None if half is None else float(mean + half),
             "worst": float(means.min()),
             "best": float(means.max()),
             "greedy": float(np.mean([member.greedy.mean() for member in self.members])),
             "limit": limit,
-            "fraction_of_limit": None if limit is None else float(means.mean() / limit),
+            "fraction_of_limit": None if limit is None else mean / limit,
         }
-
-
-def _interval(means: np.ndarray) -> tuple[float | None, float | None]:
-    """Student's 95% interval of the mean of few numbers; none of one."""
-    if len(means) < 2:
-        return None, None
-    from scipy import stats
-
-    half = stats.t.ppf(0.975, len(means) - 1) * stats.sem(means)
-    return float(means.mean() - half), float(means.mean() + half)
 
 
 def compare(
@@ -146,10 +138,9 @@ def table(groups: Sequence[Group]) -> Table:
     headings = ["runs", "seeds", "gain", "95% interval over seeds", "worst", "best", "greedy", "of the limit"]
     rows = []
     for row in sorted((group.row() for group in groups), key=lambda each: -each["mean"]):
-        interval = None if row["low"] is None else f"{row['low']:.2f} … {row['high']:.2f}"
-        fraction = None if row["fraction_of_limit"] is None else f"{100 * row['fraction_of_limit']:.1f}%"
+        interval = None if row["low"] is None else span((row["low"], row["high"]))
         mean, *others = (f"{row[name]:.2f}" for name in ("mean", "worst", "best", "greedy"))
-        rows.append([row["runs"], row["seeds"], mean, interval, *others, fraction])
+        rows.append([row["runs"], row["seeds"], mean, interval, *others, percent(row["fraction_of_limit"])])
     return Table(headings, rows)
 
 
