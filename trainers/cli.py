@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import os
+import signal
 import sys
 import time
 from collections import Counter
@@ -324,4 +325,5 @@ def main() -> None:
     except FileNotFoundError:
         print("swarm: the current folder must be there, but was removed: change to another", file=sys.stderr)
         raise SystemExit(2) from None
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it is like Ctrl-C
     app()
