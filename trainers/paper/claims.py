@@ -202,11 +202,6 @@ class Claim(NamedTuple):
     verdict: str
     by_seed: dict[str, list[float]]  # the number of every seed in each sample
 
-    def as_json(self) -> dict[str, Any]:
-        """Plain values for claims.json."""
-        interval = None if self.interval is None else list(self.interval)
-        return self._asdict() | {"interval": interval, "seeds": list(self.seeds)}
-
 
 def judged(statement: Statement, evidence: Evidence, recipe: str) -> Claim | None:
     """The verdict on a statement under a recipe; None where something was not measured."""

@@ -30,7 +30,7 @@ class Plan:
 
     quick: bool = False  # test the shipped policies instead of training
     recipes: tuple[str, ...] = ("swarm", "paper")
-    n_seeds: int = 5  # training seeds of each experiment: 0, 1, …
+    n_seeds: int = 20  # training seeds of each experiment: 0, 1, …
     cells: int = 400  # of a test; none of them was ever seen in training or validation
     radial_cells: int = 100  # of the test around the egg
     swinging_cells: int = 40  # whose circles are fitted
@@ -72,6 +72,12 @@ class Training(NamedTuple):
     def run(self) -> str:
         """Its run within the folder of runs."""
         return f"{self.folder.parent.name}/{self.folder.name}"
+
+    @property
+    def decisions(self) -> float:
+        """Decisions of one cell of every seed: roughly in their ratio trainings take their time."""
+        settings = self.settings
+        return float(settings.learning.epochs * settings.training_world().max_decisions * settings.n_seeds)
 
 
 def trainings(plan: Plan, out: Path) -> list[Training]:

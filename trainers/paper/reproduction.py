@@ -21,10 +21,8 @@ import xarray as xr
 
 from swarm._support import files, provenance
 from swarm._support.tables import Table
-from swarm.optimal import physical_limit as optimal
-from swarm.physics.starts import draw_starts
 from trainers.jobs.executors import Task, executor_for, run_tasks
-from trainers.paper import report, stacks, tables
+from trainers.paper import report, stacks, tables, zoo
 from trainers.paper.claims import Claim, all_claims
 from trainers.paper.illustrations import FOLDER as FIGURES
 from trainers.paper.illustrations import Drawing, draw_tests, draw_training
@@ -37,7 +35,7 @@ from trainers.paper.measurements import (
     measure,
     swinging_circle,
 )
-from trainers.paper.plan import EGG, RECORDS, TESTS, VORTICES, Plan, Training, trainings
+from trainers.paper.plan import EGG, RECORDS, TESTS, Plan, Training, trainings
 from trainers.training.run_folder import RunError, RunFolder
 
 RECORD = "reproduction.json"  # settings, versions, commits; it says that a folder is a reproduction's
@@ -64,7 +62,6 @@ def reproduce(plan: Plan, out: Path, publish: Path | None = None) -> list[Claim]
     shipped = stacks.shipped_stacks(plan) if plan.quick else {}
     if plan.quick and not shipped:
         raise ReproductionError("no policies are shipped with this copy: leave out --quick to train them")
-    find_limits(plan, planned)
     do(plan, stacks.tasks(planned), "trainings")
     trained = shipped or stacks.trained_stacks(planned)
     curves = stacks.shipped_curves(shipped) or stacks.trained_curves(planned)
@@ -75,8 +72,10 @@ def reproduce(plan: Plan, out: Path, publish: Path | None = None) -> list[Claim]
     with staging(out) as staged:
         drawn = draw(plan, tests, recipes, curves, staged)
         write(staged, plan, tests, evidence, planned, claims, drawn)
-        for folder in reversed(folders):
+        for folder in folders[1:]:
             put_in_place(staged, folder)
+        zoo.keep(staged / zoo.FOLDER, planned, tests, evidence, curves)
+        put_in_place(staged, out)
     return claims
 
 
@@ -89,22 +88,12 @@ def check_folder(folder: Path) -> None:
         raise ReproductionError(f"{folder} must be a folder, but {there} is a file")
     if not os.access(there, os.W_OK):
         raise ReproductionError(f"{folder} must be a folder to write to, but {there} is read-only")
-    mine = [name for name in FILES if (folder / name).exists()]
+    mine = [name for name in (*FILES, zoo.FOLDER) if (folder / name).exists()]
     if mine and RECORD not in mine:
         raise ReproductionError(
             f"{folder} must be a new folder or that of an earlier reproduction: {folder / mine[0]} is "
             f"there, but no {RECORD}"
         )
-
-
-def find_limits(plan: Plan, planned: Sequence[Training]) -> None:
-    """Have the limits in flows at hand, which take a while, before several processes ask for them at once."""
-    wanted = [plan.test_world(VORTICES)]
-    for each in planned:
-        wanted.append(each.settings.training_world().replace(life=each.settings.validation.life))
-    for world in wanted:
-        if world.in_flow:
-            optimal.limit(world, draw_starts(world, 1, plan.seed))
 
 
 def do(plan: Plan, tasks: Sequence[Task], what: str) -> list[Any]:
@@ -209,7 +198,7 @@ def write(
     for name, rows in ((RESULTS, results), (SEEDS, tables.seed_rows(tests, evidence))):
         (folder / name).write_text(Table.of(rows).as_csv(DIGITS), encoding="utf-8")
     for name, values in (
-        (CLAIMS, [each.as_json() for each in claims]),
+        (CLAIMS, [each._asdict() for each in claims]),
         (RECORD, where_from(plan, planned, tests)),
     ):
         stored = json.dumps(values, indent=2, allow_nan=False, ensure_ascii=False)
@@ -267,7 +256,9 @@ def put_in_place(staged: Path, out: Path) -> None:
     last the report. What is left of an earlier reproduction goes.
     """
     written = {path.relative_to(staged) for path in staged.rglob("*") if path.is_file()}
-    for old in [path for name in (FIGURES, LIVES) for path in (out / name).rglob("*") if path.is_file()]:
+    for old in [
+        path for name in (FIGURES, LIVES, zoo.FOLDER) for path in (out / name).rglob("*") if path.is_file()
+    ]:
         if old.relative_to(out) not in written:
             old.unlink()
     for path in sorted(written, key=lambda path: (path.name == REPORT, path.name != RECORD)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -54,14 +55,9 @@ def tasks(planned: Iterable[Training]) -> list[Task]:
     if len(wanted) < len(folders):
         print(f"{len(folders) - len(wanted)} of {len(folders)} trainings are finished", flush=True)
     return [
-        Task(each.run, train_one, (each.settings, each.folder), work(each.settings), PartDone(each))
+        Task(each.run, train_one, (each.settings, each.folder), each.decisions, partial(part_done, each))
         for each in wanted
     ]
-
-
-def work(settings: Settings) -> float:
-    """Roughly in which ratios trainings take their time."""
-    return float(settings.learning.epochs * settings.training_world().max_decisions * settings.n_seeds)
 
 
 def train_one(settings: Settings, folder: Path) -> None:
@@ -95,18 +91,9 @@ def is_done(training: Training) -> bool:
     return False
 
 
-class PartDone:
+def part_done(training: Training) -> float:
     """The part of a run's epochs that are over, read off its timings."""
-
-    def __init__(self, training: Training) -> None:
-        self.path, self.epochs = training.folder / runs.TIMINGS, training.settings.learning.epochs
-
-    def __call__(self) -> float:
-        try:
-            with self.path.open("rb") as file:
-                return max(0, sum(1 for _ in file) - 1) / self.epochs
-        except OSError:
-            return 0.0
+    return len(RunFolder(training.folder).rows(runs.TIMINGS)) / training.settings.learning.epochs
 
 
 # --- what was trained ---------------------------------------------------------------------------------------
@@ -166,13 +153,18 @@ def trained_stacks(planned: Iterable[Training]) -> dict[Key, Stack]:
     return stacks
 
 
+def table_of(parts: Iterable[Training]) -> dict[str, np.ndarray]:
+    """Metrics (seeds, epochs) of an experiment's runs."""
+    tables = [metrics(each) for each in parts]
+    return {name: np.concatenate([each[name] for each in tables]) for name in tables[0]}
+
+
 def training_gains(planned: Iterable[Training]) -> dict[Key, TrainingGains]:
     """Gains of the training cells in every epoch."""
-    found = {}
-    for key, parts in by_experiment(planned).items():
-        gain = np.concatenate([metrics(each)["training_gain"] for each in parts])
-        found[key] = TrainingGains(seeds_of(parts), gain)
-    return found
+    return {
+        key: TrainingGains(seeds_of(parts), table_of(parts)["training_gain"])
+        for key, parts in by_experiment(planned).items()
+    }
 
 
 def trained_curves(planned: Iterable[Training]) -> dict[Key, TrainingCurve]:
@@ -182,8 +174,7 @@ def trained_curves(planned: Iterable[Training]) -> dict[Key, TrainingCurve]:
 
 def curve_of(parts: Sequence[Training]) -> TrainingCurve:
     """The curve of one experiment's runs."""
-    tables = [metrics(each) for each in parts]
-    table = {name: np.concatenate([each[name] for each in tables]) for name in tables[0]}
+    table = table_of(parts)
     validated = np.flatnonzero(np.isfinite(table["gain"][0]))
     gain = table["gain"][:, validated]
     limits = gain[:, -1] / table["fraction_of_limit"][:, validated[-1]]

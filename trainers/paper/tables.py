@@ -10,7 +10,7 @@ import numpy as np
 from swarm.population.results import RIVAL
 from swarm.population.statistics import fraction_of_limit
 from trainers.paper.claims import MEASURES, Estimate, estimate
-from trainers.paper.measurements import DEVISED, Case, Evidence, Lives, Measured, Stack
+from trainers.paper.measurements import DEVISED, Case, Evidence, Lives, Measured
 from trainers.paper.plan import VORTICES, Training
 from trainers.training import run_folder as runs
 from trainers.training.run_folder import RunFolder
@@ -82,36 +82,29 @@ def _spread(by_seed: np.ndarray) -> float | None:
     return float(by_seed.std(ddof=1)) if len(by_seed) > 1 else None
 
 
-def seed_rows(tests: Sequence[Case], evidence: Evidence) -> list[Row]:
+def seed_rows(tests: Iterable[Case], evidence: Evidence) -> Iterator[Row]:
     """A row for every training seed in every test."""
-    return [
-        row
-        for case in tests
-        for stack in case.stacks
-        for row in _seeds(case, stack, evidence.cases[case.name])
-    ]
-
-
-def _seeds(case: Case, stack: Stack, measured: Measured) -> Iterator[Row]:
-    lives = measured.lives[stack.recipe, stack.kind]
-    for place, (seed, policy) in enumerate(zip(stack.seeds, stack.policies, strict=True)):
-        gain = lives.gain[place]
-        yield {
-            "test": case.name,
-            "recipe": stack.recipe,
-            "policy": stack.kind,
-            "experiment": stack.experiment,
-            "seed": seed,
-            "chosen": place == stack.chosen,
-            "kept_epoch": policy.card.get("epoch"),
-            "validation_gain": policy.card.get("validation", {}).get("gain"),
-            "gain": float(gain.mean()),
-            "std": float(gain.std()),
-            "min": float(gain.min()),
-            "max": float(gain.max()),
-            "part_of_limit": fraction_of_limit(float(gain.mean()), measured.limit),
-            "arrived": None if case.world.egg is None else float(lives.arrived[place].mean()),
-        }
+    for case, stack in [(each, stack) for each in tests for stack in each.stacks]:
+        measured = evidence.cases[case.name]
+        lives = measured.lives[stack.recipe, stack.kind]
+        for place, (seed, policy) in enumerate(zip(stack.seeds, stack.policies, strict=True)):
+            gain = lives.gain[place]
+            yield {
+                "test": case.name,
+                "recipe": stack.recipe,
+                "policy": stack.kind,
+                "experiment": stack.experiment,
+                "seed": seed,
+                "chosen": place == stack.chosen,
+                "kept_epoch": policy.card.get("epoch"),
+                "validation_gain": policy.card.get("validation", {}).get("gain"),
+                "gain": float(gain.mean()),
+                "std": float(gain.std()),
+                "min": float(gain.min()),
+                "max": float(gain.max()),
+                "part_of_limit": fraction_of_limit(float(gain.mean()), measured.limit),
+                "arrived": None if case.world.egg is None else float(lives.arrived[place].mean()),
+            }
 
 
 def training_rows(planned: Iterable[Training]) -> list[Row]:
@@ -140,15 +133,12 @@ def training_rows(planned: Iterable[Training]) -> list[Row]:
 def worst_against_best(evidence: Evidence) -> Iterator[tuple[str, Estimate]]:
     """In the flow, cell by cell: the worst aware seed of each recipe less the best blind one of each."""
     lives = evidence.cases[VORTICES].lives if VORTICES in evidence.cases else {}
-    for (recipe, kind), aware in lives.items():
-        for (other, rival), blind in lives.items():
-            if kind == "aware" and rival == "blind":
-                worst, best = (
-                    int(aware.gain.mean(axis=1).argmin()),
-                    int(blind.gain.mean(axis=1).argmax()),
-                )
+    for (recipe, aware), first in lives.items():
+        for (other, blind), second in lives.items():
+            if (aware, blind) == ("aware", "blind"):
+                worst, best = first.gain.mean(axis=1).argmin(), second.gain.mean(axis=1).argmax()
                 text = (
-                    f"the worst seed of {recipe} aware ({aware.seeds[worst]}) less the best of {other} blind "
-                    f"({blind.seeds[best]})"
+                    f"the worst seed of {recipe} aware ({first.seeds[worst]}) less the best of {other} blind"
                 )
-                yield text, estimate(aware.gain[worst : worst + 1], blind.gain[best : best + 1])
+                text += f" ({second.seeds[best]})"
+                yield text, estimate(first.gain[worst : worst + 1], second.gain[best : best + 1])
