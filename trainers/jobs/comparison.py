@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm._support import files, provenance
-from swarm._support.tables import Table
+from swarm._support.tables import Table, percent, span
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
 from swarm.population.evaluation import LEARNT
@@ -53,10 +53,10 @@ class Group(NamedTuple):
         interval = mean_interval(np.stack([member.gains for member in self.members]))
         low, high = interval or (None, None)
         limits = [member.limit for member in self.members if member.limit is not None]
-        limit = float(np.mean(limits)) if len(limits) == len(self.members) else None
+        limit = float(np.mean(limits)) if len(limits) == len(means) else None
         return {
             "runs": self.label,
-            "seeds": len(self.members),
+            "seeds": len(means),
             "mean": float(means.mean()),
             "low": low,
             "high": high,
@@ -139,10 +139,9 @@ def table(groups: Sequence[Group]) -> Table:
     headings = ["runs", "seeds", "gain", "95% interval", "worst", "best", "greedy", "of the limit"]
     rows = []
     for row in sorted((group.row() for group in groups), key=lambda each: -each["mean"]):
-        interval = None if row["low"] is None else f"{row['low']:.2f} … {row['high']:.2f}"
-        fraction = None if row["fraction_of_limit"] is None else f"{100 * row['fraction_of_limit']:.1f}%"
+        interval = None if row["low"] is None else span((row["low"], row["high"]))
         mean, *others = (f"{row[name]:.2f}" for name in ("mean", "worst", "best", "greedy"))
-        rows.append([row["runs"], row["seeds"], mean, interval, *others, fraction])
+        rows.append([row["runs"], row["seeds"], mean, interval, *others, percent(row["fraction_of_limit"])])
     return Table(headings, rows)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,7 +15,7 @@ from swarm.population.contest import population_test
 from swarm.population.results import RIVAL
 from trainers.paper.measurements import Case
 from trainers.paper.plan import EGG, RECORDS, STEADY, VARYING, VORTICES
-from trainers.paper.stacks import Curves
+from trainers.paper.stacks import Curves, TrainingCurve
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,7 +59,7 @@ def _saved(drawn: Drawn, recipe: str, folder: Path) -> list[Drawing]:
     return saved
 
 
-def _training(curves: Curves | dict[str, Any]) -> Drawn:
+def _training(curves: Mapping[str, TrainingCurve]) -> Drawn:
     validation = {
         name: figures.Curve(curve.epoch, np.array(curve.gain), curve.greedy, curve.limit)
         for name, curve in curves.items()
