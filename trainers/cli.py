@@ -134,7 +134,7 @@ def resume(folder: Path) -> None:
     from trainers.training.run_folder import RunFolder
 
     run, stored = RunFolder.open(folder)
-    settings = settings_from_stored(stored)
+    settings = settings_from_stored(stored, folder)
     if run.finished:
         print(f"{folder} is finished after {settings.learning.epochs} epochs; nothing is left to learn")
         return _test_after(settings, run)
@@ -284,7 +284,7 @@ def watch(
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the report; what is finished there is not redone.")],
     quick: Annotated[bool, typer.Option(help="Test the shipped policies instead of training.")] = False,
-    seeds: Annotated[int, typer.Option(help="Training seeds of every experiment.")] = 5,
+    seeds: Annotated[int, typer.Option(help="Training seeds of every experiment.")] = 20,
     jobs: Annotated[int | None, typer.Option(help="Processes at once; default: 2, or 1 on one core.")] = None,
     publish: Annotated[Path | None, typer.Option(help="Folder for a copy without the runs.")] = None,
 ) -> None:

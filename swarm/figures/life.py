@@ -9,16 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from swarm.figures.style import (
-    INK,
-    canvas,
-    chosen_policies,
-    label_beside,
-    lettered,
-    look,
-    mark_start,
-    styled,
-)
+from swarm.figures import style
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.collocation import swim
 from swarm.physics.world import World
@@ -51,7 +42,7 @@ def path_of(results: xr.Dataset, world: World, policy: str, cell: int, *, points
     return np.concatenate([places[:, :-1].reshape(-1, 2), position[moved[-1:] + 1]])
 
 
-@styled
+@style.styled
 def comparison(
     results: xr.Dataset,
     world: World,
@@ -65,9 +56,9 @@ def comparison(
 
     `enlarged` shows the path of the window once more, larger.
     """
-    everyone = dict.fromkeys([*chosen_policies(results), *results["policy"].values.astype(str)])
-    chosen = chosen_policies(results, policies or list(everyone)[:3])
-    figure = canvas(1.0, 0.52)
+    everyone = dict.fromkeys([*style.chosen_policies(results), *results["policy"].values.astype(str)])
+    chosen = style.chosen_policies(results, policies or list(everyone)[:3])
+    figure = style.canvas(1.0, 0.52)
     columns = figure.add_gridspec(1, 3, width_ratios=(1.0, 1.35, 1.0))
     lanes = columns[0].subgridspec(len(chosen), 1, hspace=0.12).subplots(sharex=True, squeeze=False)[:, 0]
     for axes, name in zip(lanes, chosen, strict=True):
@@ -76,38 +67,38 @@ def comparison(
     path, gain = figure.add_subplot(columns[1]), figure.add_subplot(columns[2])
     _paths_panel(path, results, world, chosen, cell, window if enlarged else None)
     _gain_panel(gain, results, chosen, cell)
-    lettered([lanes[0], path, gain])
+    style.lettered([lanes[0], path, gain])
     return figure
 
 
 def _curvature_lane(
     axes: Axes, results: xr.Dataset, world: World, policy: str, cell: int, window: tuple[float, float]
 ) -> None:
-    life, style = results.sel(policy=policy).isel(cell=cell), look(policy)
+    life, look = results.sel(policy=policy).isel(cell=cell), style.look(policy)
     time, curvature = life["time"].values, life["curvature"].values
     shown = np.isfinite(time) & (time <= window[1] + 2 * max(world.intervals))
-    axes.stairs(curvature[shown][1:], time[shown], baseline=None, color=style.colour, linewidth=1.2)
+    axes.stairs(curvature[shown][1:], time[shown], baseline=None, color=look.colour, linewidth=1.2)
     least, most = world.curvatures[0], world.curvatures[-1]
     span = most - least
     axes.set(xlim=window, ylim=(least - 0.25 * span, most + 0.55 * span))
     axes.set(yticks=world.curvatures, ylabel=r"$\kappa$")
     where: dict[str, Any] = {"transform": axes.transAxes, "ha": "right", "va": "top", "fontsize": 8}
-    axes.text(0.99, 0.98, style.label, color=style.colour, **where)
+    axes.text(0.99, 0.98, look.label, color=look.colour, **where)
 
 
 def _gain_panel(axes: Axes, results: xr.Dataset, policies: Sequence[str], cell: int) -> None:
     marks, ends = [], {}
     for name in reversed(policies):
-        life, style = results.sel(policy=name).isel(cell=cell), look(name)
+        life, look = results.sel(policy=name).isel(cell=cell), style.look(name)
         alive = np.isfinite(life["concentration"].values)
         time, concentration = life["time"].values[alive], life["concentration"].values[alive]
         gain = concentration - concentration[0]
-        axes.plot(time, gain, color=style.colour, linewidth=0.9)
-        marks.append((float(gain[-1]), style.label, style.colour))
+        axes.plot(time, gain, color=look.colour, linewidth=0.9)
+        marks.append((float(gain[-1]), look.label, look.colour))
         ends[name] = float(time[-1])
     steered = [end for name, end in ends.items() if name != "swinging"]
     axes.set(xlabel="time $t$", ylabel=r"gain $c(t) - c(0)$", xlim=(0, max(steered or ends.values())))
-    label_beside(axes, marks)
+    style.label_beside(axes, marks)
 
 
 def _paths_panel(
@@ -120,8 +111,8 @@ def _paths_panel(
 ) -> None:
     paths = {name: path_of(results, world, name, cell) for name in policies}
     for name in reversed(policies):
-        axes.plot(*paths[name].T, color=look(name).colour, linewidth=0.6)
-    mark_start(axes, results, cell)
+        axes.plot(*paths[name].T, color=style.look(name).colour, linewidth=0.6)
+    style.mark_start(axes, results, cell)
     axes.set(xlabel="$x$", ylabel="$y$")
     shown = {}
     for name in policies:
@@ -150,8 +141,8 @@ def _enlarge(axes: Axes, shown: Mapping[str, np.ndarray], results: xr.Dataset, c
     (x, y), half = (low + high) / 2, 0.54 * max(high[0] - low[0], (high[1] - low[1]) / tall)
     inset = axes.inset_axes((0.99 - ENLARGED, 0.02, ENLARGED, 0.5))
     for name, path in reversed(list(shown.items())):
-        inset.plot(*path.T, color=look(name).colour, linewidth=0.9)
-    mark_start(inset, results, cell)
+        inset.plot(*path.T, color=style.look(name).colour, linewidth=0.9)
+    style.mark_start(inset, results, cell)
     inset.set(xlim=(x - half, x + half), ylim=(y - tall * half, y + tall * half), xticks=[], yticks=[])
     inset.spines[:].set_visible(True)
-    axes.indicate_inset_zoom(inset, edgecolor=INK, linewidth=0.6)
+    axes.indicate_inset_zoom(inset, edgecolor=style.INK, linewidth=0.6)

@@ -31,23 +31,12 @@ if TYPE_CHECKING:
 WIDTH = 7.0  # of a page [inch]
 INK = "#222222"
 RC: dict[str, Any] = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.labelsize": 9,
+    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 9),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 8),
     "legend.fontsize": 8.5,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "axes.linewidth": 0.7,
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
+    **dict.fromkeys(("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
+    **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width"), 0.7),
+    **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
     "lines.linewidth": 1.2,
     "figure.dpi": 100,
     "savefig.dpi": 200,
@@ -181,10 +170,8 @@ def shade_concentration(panels: Sequence[Axes], world: World) -> None:
     span = min(image.norm.vmin for image in images), max(image.norm.vmax for image in images)
     for image in images:
         image.set_clim(*span)
-    bar = panels[0].figure.colorbar(
-        images[0], ax=list(panels), label="concentration $c$", shrink=0.75, aspect=26, pad=0.02
-    )
-    bar.outline.set_linewidth(0.7)
+    shape: dict[str, Any] = {"shrink": 0.75, "aspect": 26, "pad": 0.02}
+    panels[0].figure.colorbar(images[0], ax=list(panels), label="concentration $c$", **shape)
 
 
 def around_egg(axes: Axes, world: World) -> None:
@@ -207,6 +194,13 @@ def lettered(axes: Sequence[Axes]) -> None:
 def legend(axes: Axes, policies: Sequence[str], **kwargs: Any) -> None:
     handles = [Line2D([], [], color=look(name).colour, linestyle=look(name).line) for name in policies]
     axes.legend(handles, [look(name).label for name in policies], **kwargs)
+
+
+def legend_above(figure: Figure, axes: Axes) -> None:
+    """Every label of the axes once, above the figure."""
+    handles, labels = axes.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    figure.legend(list(unique.values()), list(unique), loc="outside upper right", ncols=len(unique))
 
 
 def label_beside(axes: Axes, marks: Sequence[tuple[float, str, str]]) -> None:

@@ -1,24 +1,14 @@
 """What a user's matplotlibrc may hold, and no figure may take over."""
 
 HOSTILE = {
-    "text.usetex": True,
-    "axes.facecolor": "black",
-    "figure.facecolor": "red",
-    "savefig.facecolor": "red",
-    "savefig.dpi": 30,
-    "savefig.transparent": True,
-    "savefig.bbox": None,
-    "figure.dpi": 30,
-    "figure.constrained_layout.use": True,
+    **dict.fromkeys(
+        ("text.usetex", "savefig.transparent", "axes.grid", "figure.constrained_layout.use"), True
+    ),
+    **dict.fromkeys(("lines.antialiased", "axes.unicode_minus", "axes.spines.left"), False),
+    **dict.fromkeys(("axes.facecolor", "figure.facecolor", "savefig.facecolor", "text.color"), "red"),
+    **dict.fromkeys(("savefig.dpi", "figure.dpi", "font.size", "lines.linewidth"), 30),
     "font.family": "monospace",
-    "font.size": 30,
-    "lines.linewidth": 9,
-    "lines.antialiased": False,
     "image.interpolation": "nearest",
-    "image.origin": "lower",
-    "axes.grid": True,
-    "axes.unicode_minus": False,
-    "path.simplify_threshold": 1.0,
     "path.sketch": (3, 30, 5),
     "svg.fonttype": "none",
     "pdf.fonttype": 42,

@@ -306,7 +306,7 @@ def test_a_checkpoint_of_a_newer_version_is_refused(monkeypatch, capsys):
     with monkeypatch.context() as patch:
         patch.setattr(checkpoints, "FORMAT", checkpoints.FORMAT + 1)
         broken_after(monkeypatch, 5)
-    assert "must have format 1, which this version of chemoswarm reads, got 2" in message(capsys, resume)
+    assert "must have format 2, which this version of chemoswarm reads, got 3" in message(capsys, resume)
 
 
 def forged(run, change):
@@ -319,13 +319,14 @@ def forged(run, change):
     checkpoints.write(run.path / runs.CHECKPOINTS, 4, tensors, record, manifest["settings"])
 
 
+WEIGHTS = "loss.value_network_params.0.weight"
 FORGERIES = {
-    "a tensor is missing": lambda tensors, record: tensors.pop("online"),
+    "a tensor is missing": lambda tensors, record: tensors.pop(WEIGHTS),
     "one too many": lambda tensors, record: tensors.update(more=torch.zeros(1)),
-    "another shape": lambda tensors, record: tensors.update(online=torch.zeros(1, 5)),
+    "another shape": lambda tensors, record: tensors.update({WEIGHTS: torch.zeros(1, 5)}),
     "another type": lambda tensors, record: tensors.update(best_epoch=torch.zeros(1)),
     "no rows": lambda tensors, record: tensors.update(buffer=tensors["buffer"][:0]),
-    "unknown actions": lambda tensors, record: tensors["buffer"][..., -4].fill_(7),
+    "unknown actions": lambda tensors, record: tensors["buffer"][..., -2].fill_(7),
     "a counter is missing": lambda tensors, record: record.pop("cursor"),
     "a counter is text": lambda tensors, record: record.update(epoch="4"),
     "a counter is negative": lambda tensors, record: record.update(updates=-1),
@@ -420,14 +421,14 @@ def test_a_reward_that_is_no_number_ends_the_run_and_names_the_cell(monkeypatch,
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf")])
 def test_a_loss_that_is_no_number_ends_the_run_and_names_the_epoch(monkeypatch, capsys, number, expected):
-    original, calls = dqn.dqn_loss, iter(range(10**6))
+    original, calls = dqn.SeedDQNLoss.forward, iter(range(10**6))
 
-    def loss(*arguments, **options):
-        outcome = original(*arguments, **options)
-        return outcome._replace(error=outcome.error * number) if next(calls) == 29 else outcome
+    def forward(*arguments):
+        outcome = original(*arguments)
+        return outcome.set("loss", outcome["loss"] * number) if next(calls) == 29 else outcome
 
     with monkeypatch.context() as patch:
-        patch.setattr(dqn, "dqn_loss", loss)
+        patch.setattr(dqn.SeedDQNLoss, "forward", forward)
         said = message(capsys, begin)
     assert f"loss must be finite, got {number} in epoch 5 of seed 3" in said
     assert listed(runs.RunFolder(Path("run"))) == ["epoch_000002", "epoch_000004"]

@@ -11,8 +11,7 @@ import pytest
 
 from swarm._support import files
 from tests.short_runs import NOISE, Crash, assert_equal_runs, go_on, short_settings, start, whole
-from trainers.algorithms.dqn import Learner
-from trainers.algorithms.exploration import Explorer
+from trainers.algorithms.dqn import DQN
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run as running
 from trainers.training.run_folder import RunFolder
@@ -23,7 +22,7 @@ SETTINGS = {
     "paper": short_settings("paper"),
     "seeds, noise, clocks": short_settings(n_seeds=2, world={"varying_speed": True, **NOISE}),
     "vortices, two worlds": short_settings(
-        world={"flow": "taylor_green", "sense_flow": True}, learning={"n_worlds": 2, "average_rate": 0.3}
+        world={"flow": "taylor_green", "sense_flow": True}, learning={"n_worlds": 2, "n_steps": 3}
     ),
     "exact intervals": short_settings(
         "paper", n_seeds=2, world={"varying_speed": True, "interval_rule": "exact", "curvature_noise": 0.1}
@@ -31,8 +30,8 @@ SETTINGS = {
 }
 PHASES = {
     "preparing": [(running, "_go_on")],
-    "collecting": [(Explorer, "collect")],
-    "updating": [(Learner, "learn")],
+    "collecting": [(DQN, "collect")],
+    "updating": [(DQN, "learn")],
     "validating": [(Validation, "gains")],
     "writing tables": [(RunFolder, "append"), (RunFolder, "rewrite")],
     "writing checkpoints": [(checkpoints, "write"), (files, "_flush"), (os, "replace")],

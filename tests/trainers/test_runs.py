@@ -15,7 +15,6 @@ from swarm._support import files
 from tests.short_runs import short_settings, start
 from trainers.training import run_folder as runs
 from trainers.training.run_folder import (
-    METRIC_COLUMNS,
     RunError,
     RunFolder,
     default_folder,
@@ -139,11 +138,6 @@ def test_lines_that_are_not_whole_are_left_out(tmp_path, end):
 def test_a_table_of_something_else_has_no_rows(tmp_path, content):
     (tmp_path / "table.csv").write_bytes(content)
     assert read_table(tmp_path / "table.csv") == []
-
-
-def test_the_columns_of_metrics_are_those_promised():
-    assert METRIC_COLUMNS[:2] == ("epoch", "seed")
-    assert {"gain", "fraction_of_limit", "loss", "epsilon", "q_mean"} <= set(METRIC_COLUMNS)
 
 
 # --- locks --------------------------------------------------------------------------------------------------

@@ -14,7 +14,9 @@ from swarm._support.tables import Table, percent, span
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
 from swarm.population.evaluation import LEARNT
+from swarm.population.intervals import mean_interval
 from swarm.population.results import RIVAL
+from swarm.population.statistics import fraction_of_limit
 from trainers.settings.composition import settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import run_folder as runs
@@ -46,24 +48,23 @@ class Group(NamedTuple):
         return np.array([member.gains.mean() for member in self.members])
 
     def row(self) -> dict[str, Any]:
-        """What the table says of the group; low and high: Student's 95% interval of the mean over seeds."""
-        from scipy import stats
-
-        means, mean = self.means, float(self.means.mean())
-        half = stats.t.ppf(0.975, len(means) - 1) * stats.sem(means) if len(means) > 1 else None
+        """What the table says of the group; low and high: 95% interval of the mean, over seeds and cells."""
+        means = self.means
+        interval = mean_interval(np.stack([member.gains for member in self.members]))
+        low, high = interval or (None, None)
         limits = [member.limit for member in self.members if member.limit is not None]
         limit = float(np.mean(limits)) if len(limits) == len(means) else None
         return {
             "runs": self.label,
             "seeds": len(means),
-            "mean": mean,
-            "low": None if half is None else float(mean - half),
-            "high": None if half is None else float(mean + half),
+            "mean": float(means.mean()),
+            "low": low,
+            "high": high,
             "worst": float(means.min()),
             "best": float(means.max()),
             "greedy": float(np.mean([member.greedy.mean() for member in self.members])),
             "limit": limit,
-            "fraction_of_limit": None if limit is None else mean / limit,
+            "fraction_of_limit": fraction_of_limit(float(means.mean()), limit),
         }
 
 
@@ -135,7 +136,7 @@ def _told_by_names(key: str, described: Sequence[dict[str, Any]]) -> bool:
 
 def table(groups: Sequence[Group]) -> Table:
     """A row per group, best first."""
-    headings = ["runs", "seeds", "gain", "95% interval over seeds", "worst", "best", "greedy", "of the limit"]
+    headings = ["runs", "seeds", "gain", "95% interval", "worst", "best", "greedy", "of the limit"]
     rows = []
     for row in sorted((group.row() for group in groups), key=lambda each: -each["mean"]):
         interval = None if row["low"] is None else span((row["low"], row["high"]))

@@ -6,7 +6,6 @@ and goes on with what is not.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import os
 from collections.abc import Sequence
@@ -93,6 +92,7 @@ def named(combinations: Sequence[Sequence[str]]) -> list[str]:
     """The name of each combination, by what is not the same in all of them; raises RunError for no name."""
     fixed = set(combinations[0]).intersection(*combinations[1:]) if len(combinations) > 1 else set()
     names = [",".join(sorted(set(combination) - fixed)) for combination in combinations]
+    names = [name.replace(os.sep, "_") for name in names]  # of paths of data
     for name in names:
         if names.count(name) > 1:
             raise RunError(f"combinations must differ, got the same one {names.count(name)} times")
@@ -109,9 +109,8 @@ def _check_there(path: Path, settings: Settings) -> None:
     if not is_run_folder(path):
         return
     try:
-        stored = settings_from_stored(RunFolder.open(path)[1])
-        keys = [item.name for item in dataclasses.fields(settings)]
-        other = ", ".join(key for key in keys if getattr(stored, key) != getattr(settings, key))
+        stored = settings_from_stored(RunFolder.open(path)[1], path).identity()
+        other = ", ".join(key for key, value in settings.identity().items() if stored[key] != value)
     except (RunError, SettingsError) as error:
         other = f"version's settings ({error})"
     if other:

@@ -17,27 +17,14 @@ import yaml
 
 from swarm._support import files, provenance
 from swarm._support.tables import Table
+from trainers.settings.composition import RECORD
 from trainers.settings.schema import Settings
 
-SETTINGS, PROVENANCE, METRICS, TIMINGS = "settings.yaml", "run.json", "metrics.csv", "timings.csv"
+SETTINGS, PROVENANCE, METRICS, TIMINGS = "settings.yaml", RECORD, "metrics.csv", "timings.csv"
 POLICY, FIGURE, CHECKPOINTS = "policy.safetensors", "training.png", "checkpoints"
 LOCK = ".lock"
 MAX_TEXT = 2**18  # [bytes] of settings and provenance
 
-# What the columns of metrics.csv mean is defined where they are computed: `training.Training._measure`.
-METRIC_COLUMNS = (
-    "epoch",
-    "seed",
-    "training_gain",
-    "loss",
-    "q_mean",
-    "epsilon",
-    "learning_rate",
-    "decisions",
-    "updates",
-    "gain",
-    "fraction_of_limit",
-)
 TIMING_COLUMNS = ("epoch", "seconds", "decisions_per_second", "updates_per_second")
 
 
@@ -65,6 +52,7 @@ class RunFolder:
     def create(cls, path: Path, settings: Settings) -> RunFolder:
         """A new folder with settings and provenance, whole or not at all; refuses one that is there."""
         record = {"versions": provenance.versions(), "commit": provenance.commit(), "seeds": settings.seeds}
+        record["begun_in"] = str(Path.cwd())  # from where paths of data are told
         with files.new_folder(path) as folder:
             (folder / PROVENANCE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
             (folder / SETTINGS).write_text(settings.as_yaml(), encoding="utf-8")

@@ -6,17 +6,18 @@ import math
 
 import numpy as np
 import pytest
-import torch
 import yaml
 
 from swarm import LinearField, RadialField, TaylorGreen, World, load_policy
 from tests.short_runs import go_on, kept, short_settings, start, whole
+from trainers.algorithms.networks import exported
+from trainers.algorithms.schedules import epsilon_at, learning_rate_at
 from trainers.settings import composition as composing
 from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import EvaluationSettings, Settings
 from trainers.training import run as running
 from trainers.training import run_folder as runs
-from trainers.training.loop import MEASURES, Training, epsilon_at, learning_rate_at
+from trainers.training.loop import Training
 
 # --- the paper's numbers ------------------------------------------------------------------------------------
 
@@ -111,56 +112,50 @@ def test_the_learning_rate_falls_linearly_to_its_end():
 # --- an epoch -----------------------------------------------------------------------------------------------
 
 
-def metrics(made, name):
-    """(epochs, seeds) of a column."""
-    return made.measures[:, :, MEASURES.index(name)]
-
-
 def trained(epochs=4, **options):
     made = Training(short_settings(**options))
-    with torch.inference_mode():
-        for _ in range(epochs):
-            made.run_epoch()
+    for _ in range(epochs):
+        made.run_epoch()
     return made
 
 
 def test_the_paper_recipe_updates_once_per_life_and_the_swarm_recipe_every_few_decisions():
     paper, swarm = trained(3, recipe="paper"), trained(3)
     decisions = paper.env.world.max_decisions
-    assert metrics(paper, "updates")[:, 0].tolist() == [1, 2, 3]
-    assert metrics(paper, "decisions")[:, 0].tolist() == [decisions, 2 * decisions, 3 * decisions]
+    assert paper.measure("updates")[:, 0].tolist() == [1, 2, 3]
+    assert paper.measure("decisions")[:, 0].tolist() == [decisions, 2 * decisions, 3 * decisions]
     rounds = math.ceil(decisions / 4)
-    assert metrics(swarm, "updates")[:, 0].tolist() == [2 * rounds, 4 * rounds, 6 * rounds]
+    assert swarm.measure("updates")[:, 0].tolist() == [2 * rounds, 4 * rounds, 6 * rounds]
 
 
 def test_metrics_hold_the_schedules():
     made = trained(3, recipe="paper")
-    assert metrics(made, "epsilon")[:, 0] == pytest.approx([1, 0.998, 0.998**2])
-    assert metrics(made, "learning_rate")[:, 0] == pytest.approx([0.01, 0.01 / 1.1, 0.01 / 1.2])
+    assert made.measure("epsilon")[:, 0] == pytest.approx([1, 0.998, 0.998**2])
+    assert made.measure("learning_rate")[:, 0] == pytest.approx([0.01, 0.01 / 1.1, 0.01 / 1.2])
 
 
 def test_validation_comes_when_it_is_due_and_after_the_last_epoch():
     made = trained(5, learning={"epochs": 5}, validation={"every": 2})
-    assert np.isnan(metrics(made, "gain")[:, 0]).tolist() == [True, False, True, False, False]
+    assert np.isnan(made.measure("gain")[:, 0]).tolist() == [True, False, True, False, False]
 
 
 def test_the_best_policy_by_validation_is_kept_or_the_last():
     for keep in ("best", "last"):
         made = trained(6, learning={"keep": keep}, validation={"every": 1})
-        gains = metrics(made, "gain")[:, 0]
+        gains = made.measure("gain")[:, 0]
         epoch = int(np.argmax(gains)) if keep == "best" else 5
         assert made.best_epoch[0] == epoch + 1
         assert made.best_gain[0] == gains[epoch]
-        network = made.learner.played.copy()
-        network.flat.copy_(made.best)
-        assert made.validation.gains(network)[0] == gains[epoch]
+        made.algorithm.policy.load_state_dict(made.best)
+        assert made.validation.gains(made.algorithm.policy)[0] == gains[epoch]
 
 
 def test_validation_plays_the_policy_as_a_population_test_does():
     made = trained(2, n_seeds=2)
-    policies = [made.learner.played.exported(place, made.policy_card(place)) for place in range(2)]
+    policy, card = made.algorithm.policy, {"n_records": 4, "features": 2}
+    policies = [exported(policy.state_dict(), place, card) for place in range(2)]
     expected = [each.mean() for each in played(made, policies)]
-    assert made.validation.gains(made.learner.played) == pytest.approx(expected, abs=1e-3)
+    assert made.validation.gains(policy) == pytest.approx(expected, abs=1e-3)
 
 
 def played(made, policies):
@@ -185,9 +180,9 @@ def played(made, policies):
 )
 def test_a_seed_trains_the_same_alone_and_in_a_stack_of_three(options):
     stack, alone = trained(3, n_seeds=3, seed=3, **options), trained(3, seed=4, **options)
-    np.testing.assert_allclose(
-        stack.learner.online.flat[1], alone.learner.online.flat[0], rtol=1e-3, atol=1e-4
-    )
+    for name, tensor in stack.algorithm.policy.state_dict().items():
+        expected = alone.algorithm.policy.state_dict()[name][0]
+        np.testing.assert_allclose(tensor[1], expected, rtol=1e-3, atol=1e-4)
     np.testing.assert_allclose(stack.measures[:, 1], alone.measures[:, 0], rtol=1e-3, atol=1e-4)
 
 
@@ -256,3 +251,9 @@ def test_the_training_figure_is_drawn(tmp_path):
     run = start(tmp_path / "run", settings)
     running.draw(go_on(run, settings), run)
     assert (run.path / runs.FIGURE).read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_columns_of_metrics_are_those_promised():
+    promised = ("epoch", "seed", "training_gain", "loss", "q_mean", "epsilon", "learning_rate")
+    promised += ("decisions", "updates", "gain", "fraction_of_limit")
+    assert Training(short_settings()).columns == promised
