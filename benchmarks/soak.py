@@ -18,7 +18,6 @@ from tempfile import TemporaryDirectory
 from time import monotonic, process_time
 
 import numpy as np
-import torch
 
 import swarm
 from benchmarks.pettingzoo_path import Leanest
@@ -55,7 +54,6 @@ class Work:
         self.env.reset(seed=0)
         self.actions = dict.fromkeys(self.env.possible_agents, 1)
 
-    @torch.inference_mode()
     def train(self) -> None:
         """An epoch, with a validation every twentieth time."""
         self.training.run_epoch()

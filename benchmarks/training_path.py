@@ -1,8 +1,8 @@
 """Training against a plain PyTorch loop: the same work, long runs, many seeds at once, the first step.
 
 - Same work: an epoch of `linear_n4` as shipped against a loop of plain tensors, nn.Module, autograd and fused
-  Adam that makes the same decisions and as many updates of the same size; and an update against one made of
-  TorchRL's own parts.
+  Adam that makes the same decisions and as many updates of the same size; and an update, its part of drawing
+  from the buffer included, beside one of TorchRL's stock parts and a compiled one.
 - Whole runs: from the first decision to the last, tables, checkpoints and logs included, against the epochs
   of the plain loop, which take turns with ours. Validation is left out on both sides.
 - Many seeds: an epoch of 16 independent seeds at once against an epoch of one.
@@ -22,13 +22,13 @@ import torch
 
 from benchmarks.plain_loop import PlainLoop, StockUpdate
 from benchmarks.timing import best_times, printed_number
-from trainers.algorithms.dqn import dqn_loss
+from trainers.algorithms.dqn import DQN
 from trainers.settings.composition import settings_from
 from trainers.training.loop import Training
 from trainers.training.run import train
 from trainers.training.run_folder import RunFolder
 
-SAME_WORK, LONG_RUN, MANY_SEEDS, FIRST_STEP = 1.2, 1.0, 5.0, 2.0  # targets
+SAME_WORK, SAME_UPDATE, LONG_RUN, MANY_SEEDS, FIRST_STEP = 1.3, 1.5, 1.0, 6.0, 1.0  # targets
 SEEDS = 16
 START_UP = """
 from time import perf_counter
@@ -36,12 +36,10 @@ import torch
 from trainers.settings.composition import settings_from
 from trainers.training.loop import Training
 begun = perf_counter()
-with torch.inference_mode():
-    training = Training(settings_from(["experiment=linear_n4"]))
-    training.explorer.restart()
-    training.learner.begin(0)
-    training.learner.remember(training.explorer.collect(training.learner.online, 1.0, 8))
-    training.learner.learn(lambda updates: 1e-3)
+training = Training(settings_from(["experiment=linear_n4", "learning.updates=1"]))
+training.env.restart()
+training.algorithm.begin(0)
+training.algorithm.learn(training.algorithm.collect(0.0), 0.0)
 print(perf_counter() - begun)
 """
 
@@ -63,7 +61,6 @@ def shipped(n_seeds: int = 1, *words: str) -> Training:
 def epoch_of(training: Training) -> Callable[[], None]:
     """A call that trains for an epoch, as often as wanted."""
 
-    @torch.inference_mode()
     def call() -> None:
         training.epoch = 0
         training.run_epoch()
@@ -72,29 +69,42 @@ def epoch_of(training: Training) -> Callable[[], None]:
     return call
 
 
+def updates_of(training: Training) -> Callable[[], None]:
+    """A call that makes an update, and every sixth time draws the rows of the next six."""
+    algorithm, waiting = training.algorithm, list[Any]()
+    assert isinstance(algorithm, DQN)
+
+    def call() -> None:
+        if not waiting:
+            waiting.extend(algorithm.buffer.batches(6, algorithm.settings.batch_size))
+        algorithm.update(waiting.pop())
+
+    return call
+
+
 def same_work(seconds: float) -> list[dict[str, Any]]:
     """Epochs and updates of each kind."""
     settings = settings_from(["experiment=linear_n4"])
     ours, plain, stock = shipped(1, "compile=never"), PlainLoop(settings), StockUpdate(settings)
-    our_epoch, learner = epoch_of(ours), ours.learner
+    fast, our_epoch = shipped(1, "compile=always"), epoch_of(ours)
     our_epoch()
+    epoch_of(fast)()
     plain.epoch()
-
-    @torch.inference_mode()
-    def our_update() -> None:
-        batch = learner.sample(learner.settings.batch_size)
-        outcome = dqn_loss(learner.online, learner.target, batch, double=True, kind="huber")
-        learner.descend(outcome.gradient)
-        learner.target.flat.lerp_(learner.online.flat, 0.02)
-
     epochs = best_times({"ours": our_epoch, "plain": plain.epoch}, seconds=seconds)
     updates = best_times(
-        {"ours": our_update, "plain": plain.update, "torchrl": stock.update}, seconds=seconds
+        {
+            "ours": updates_of(ours),
+            "compiled": updates_of(fast),
+            "plain": plain.update,
+            "torchrl": stock.update,
+        },
+        seconds=seconds,
     )
     return [
         row("epoch, ours", epochs["ours"], epochs["ours"] / epochs["plain"], SAME_WORK),
         row("epoch, plain loop", epochs["plain"], 1.0),
-        row("update, ours", updates["ours"], updates["ours"] / updates["plain"]),
+        row("update, ours", updates["ours"], updates["ours"] / updates["plain"], SAME_UPDATE),
+        row("update, ours compiled", updates["compiled"], updates["compiled"] / updates["plain"], LONG_RUN),
         row("update, autograd", updates["plain"], 1.0),
         row("update, TorchRL's parts", updates["torchrl"], updates["torchrl"] / updates["plain"]),
     ]
@@ -108,8 +118,7 @@ def whole_run(what: str, at_most: float, *words: str) -> list[dict[str, Any]]:
     def take_turns(training: Training, seconds: float) -> None:
         nonlocal plain_seconds
         begun = perf_counter()
-        with torch.inference_mode(False), torch.enable_grad():
-            plain.epoch()
+        plain.epoch()
         plain_seconds += perf_counter() - begun
 
     with TemporaryDirectory() as folder:

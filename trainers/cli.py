@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import os
+import signal
 import sys
 import time
 from collections import Counter
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 SEVERAL, SHOW = ("-m", "--multirun"), "--show"
 RESUME, FOLDER = "resume=", "hydra.run.dir="
 
-# --- errors -------------------------------------------------------------------------------------------------
-
 
 @contextmanager
 def errors_as_lines() -> Iterator[None]:
@@ -41,7 +40,8 @@ def errors_as_lines() -> Iterator[None]:
         line = line_of(error)
         if line is None:
             raise
-        print("swarm:", "; ".join([line, *getattr(error, "__notes__", ())]), file=sys.stderr)
+        lines = "; ".join([line, *getattr(error, "__notes__", ())]).splitlines()
+        print("swarm:", *lines, file=sys.stderr)
         raise typer.Exit(2) from None
 
 
@@ -83,8 +83,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-# --- train --------------------------------------------------------------------------------------------------
 
 
 @app.command(
@@ -136,7 +134,7 @@ def resume(folder: Path) -> None:
     from trainers.training.run_folder import RunFolder
 
     run, stored = RunFolder.open(folder)
-    settings = settings_from_stored(stored)
+    settings = settings_from_stored(stored, folder)
     if run.finished:
         print(f"{folder} is finished after {settings.learning.epochs} epochs; nothing is left to learn")
         return _test_after(settings, run)
@@ -169,8 +167,6 @@ def _test_after(settings: Settings, run: RunFolder) -> None:
     if settings.evaluate and not folder.exists():
         evaluate(str(run.path), cells=test.cells, life=test.life, seed=test.seed, out=folder)
 
-
-# --- look at policies ---------------------------------------------------------------------------------------
 
 POLICY = "A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal"
 Experiment = Annotated[str | None, typer.Option(help="Whose world; default: the policy's own.")]
@@ -213,8 +209,6 @@ def evaluate(
         with Progress("levels of noise", len(levels)) as bar:
             found = noise_sweeps.sweep_noise(policy, world, levels, kind=kind, progress=bar.show, **options)
         print_table(found.table)
-        if out is not None:
-            save_noise_sweep(found, out)
     else:
         (world,) = noise_sweeps.check_levels(levels, kind, world) if levels else [world]
         tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
@@ -222,9 +216,8 @@ def evaluate(
         limit = tested.summary["limit"]
         said = "none is known for this world" if limit is None else f"{limit:.2f}, which no policy can exceed"
         print(f"limit: {said}")
-        if out is not None:
-            save_evaluation(tested, out)
     if out is not None:
+        save_noise_sweep(found, out) if len(levels) > 1 else save_evaluation(tested, out)
         print(f"results and figures are in {out}")
 
 
@@ -287,14 +280,11 @@ def watch(
         print(f"written to {out}")
 
 
-# --- the paper, the interfaces ------------------------------------------------------------------------------
-
-
 @app.command()
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the report; what is finished there is not redone.")],
     quick: Annotated[bool, typer.Option(help="Test the shipped policies instead of training.")] = False,
-    seeds: Annotated[int, typer.Option(help="Training seeds of every experiment.")] = 5,
+    seeds: Annotated[int, typer.Option(help="Training seeds of every experiment.")] = 20,
     jobs: Annotated[int | None, typer.Option(help="Processes at once; default: 2, or 1 on one core.")] = None,
     publish: Annotated[Path | None, typer.Option(help="Folder for a copy without the runs.")] = None,
 ) -> None:
@@ -335,4 +325,5 @@ def main() -> None:
     except FileNotFoundError:
         print("swarm: the current folder must be there, but was removed: change to another", file=sys.stderr)
         raise SystemExit(2) from None
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it is like Ctrl-C
     app()

@@ -169,15 +169,16 @@ class SwarmEnv(EnvBase):
         # Not in the compiled part: torch's compiler writes flags byte by byte.
         valid = ~self._state.finished
         noise = self._noise.at(self.episode, self.decision) if self.world.has_noise else None
-        self._state, outcome = self._decide(self._state, self._bare(action), noise)
+        state, outcome = self._decide(self._state, self._bare(action), noise)
         truncated = outcome.truncated
-        self.decision += 1
+        self.decision[:] += 1
         if self.max_cycles is not None and (over := self.decision >= self.max_cycles).any():
             truncated = truncated | (self._array(over)[:, None] & ~outcome.terminated)
-            self._state = self._state._replace(finished=self._state.finished | truncated)
+            state = state._replace(finished=state.finished | truncated)
         parts = (outcome.observation, outcome.reward, outcome.terminated, truncated, valid)
         result = Transition(*map(self._tensor, parts))
-        self.observation = result.observation
+        # A module looks long at every attribute that it is given.
+        self.__dict__.update(_state=state, observation=result.observation)
         return result, self._tensor(outcome.gain)
 
     def gain(self) -> Tensor:

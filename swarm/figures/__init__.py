@@ -3,30 +3,30 @@
 Every function of a figure takes results and returns a matplotlib Figure; `save` writes it.
 """
 
-from __future__ import annotations
+from swarm.figures.life import comparison, path_of
+from swarm.figures.populations import (
+    Curve,
+    centrelines,
+    centrelines_and_gains,
+    gains,
+    groups,
+    noise_sweep,
+    radial,
+    training,
+)
+from swarm.figures.style import plain, save
 
-from importlib import import_module
-from typing import Any
-
-_HOMES = {
-    "Curve": "populations",
-    "centrelines": "populations",
-    "centrelines_and_gains": "populations",
-    "comparison": "life",
-    "gains": "populations",
-    "groups": "populations",
-    "noise_sweep": "populations",
-    "path_of": "life",
-    "radial": "populations",
-    "save": "style",
-    "training": "populations",
-}
-
-__all__ = list(_HOMES)
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'swarm.figures' has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(f"swarm.figures.{_HOMES[name]}"), name)
-    return value
+__all__ = [
+    "Curve",
+    "centrelines",
+    "centrelines_and_gains",
+    "comparison",
+    "gains",
+    "groups",
+    "noise_sweep",
+    "path_of",
+    "plain",
+    "radial",
+    "save",
+    "training",
+]

@@ -6,9 +6,10 @@ import zlib
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from PIL import Image
 
 from swarm._support.checks import check_count
 from swarm.figures.scene import SIZE
@@ -48,49 +49,39 @@ def check_encoder(suffix: str) -> None:
 
 def write_film(path: Path, suffix: str, pictures: Iterator[np.ndarray], height: int) -> None:
     """Encode pictures (height, width, 3) uint8, reduced to `height`."""
-    reduced = (_reduced(picture, height) for picture in pictures)
+    images = (Image.fromarray(picture) for picture in pictures)
+    sizes = ((image, (round(image.width * height / image.height), height)) for image in images)
+    reduced = (image.resize(size, Image.Resampling.LANCZOS) for image, size in sizes)
     if suffix == ".gif":
         _write_gif(path, reduced)
     else:
         _write_video(path, suffix, reduced)
 
 
-def _reduced(picture: np.ndarray, height: int) -> np.ndarray:
-    from PIL import Image
-
-    if height == picture.shape[0]:
-        return picture
-    width = round(picture.shape[1] * height / picture.shape[0])
-    return np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS))
-
-
-def _write_gif(path: Path, pictures: Iterator[np.ndarray]) -> None:
+def _write_gif(path: Path, images: Iterator[Image.Image]) -> None:
     """One palette for all pictures; until it is known they wait compressed."""
-    from PIL import Image
+    first = next(images)
+    packed = [zlib.compress(first.tobytes(), 1), *(zlib.compress(each.tobytes(), 1) for each in images)]
 
-    first = next(pictures)
-    packed = [zlib.compress(first.tobytes(), 1), *(zlib.compress(each.tobytes(), 1) for each in pictures)]
-
-    def opened(data: bytes) -> Any:
-        return Image.frombytes("RGB", (first.shape[1], first.shape[0]), zlib.decompress(data))
+    def opened(data: bytes) -> Image.Image:
+        return Image.frombytes("RGB", first.size, zlib.decompress(data))
 
     some = np.concatenate([np.asarray(opened(data)) for data in packed[:: max(1, len(packed) // 8)]])
     palette = Image.fromarray(some).quantize(COLOURS, Image.Quantize.FASTOCTREE)
     frames = (opened(data).quantize(palette=palette, dither=Image.Dither.NONE) for data in packed)
-    next(frames).save(
-        path, "GIF", save_all=True, append_images=frames, duration=round(1000 / FORMS[".gif"].fps), loop=0
-    )
+    duration = round(1000 / FORMS[".gif"].fps)
+    next(frames).save(path, "GIF", save_all=True, append_images=frames, duration=duration, loop=0)
 
 
-def _write_video(path: Path, suffix: str, pictures: Iterator[np.ndarray]) -> None:
+def _write_video(path: Path, suffix: str, images: Iterator[Image.Image]) -> None:
     """Encode by imageio, which tells kinds of film by their endings."""
     import imageio.v2 as imageio
 
     named = path.with_name(path.name + suffix)
     try:
         with imageio.get_writer(named, fps=FORMS[suffix].fps, macro_block_size=2, quality=8) as writer:
-            for picture in pictures:
-                writer.append_data(picture)  # type: ignore[attr-defined]
+            for image in images:
+                writer.append_data(np.asarray(image))  # type: ignore[attr-defined]
         named.replace(path)
     finally:
         named.unlink(missing_ok=True)

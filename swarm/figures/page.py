@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 CELLS = 200  # at most on one page
 PIXELS = 96  # of the background along its longer side
 TEMPLATE = "page.html"
-_SERIES = ("time", "x", "y", "heading", "curvature", "concentration")
 
 
 def page(results: xr.Dataset, *, title: str = "Swarm", cells: int | None = None) -> str:
@@ -39,11 +38,8 @@ def page(results: xr.Dataset, *, title: str = "Swarm", cells: int | None = None)
         "title": title,
         "policies": [_policy(results, str(name), shown) for name in results["policy"].values],
         "limit": results.attrs.get("limit"),
-        "egg": None
-        if world.egg is None
-        else {"x": world.egg[0][0], "y": world.egg[0][1], "radius": world.egg[1]},
+        "egg": world.egg and {"x": world.egg[0][0], "y": world.egg[0][1], "radius": world.egg[1]},
         "background": _background(results, world, shown),
-        "flow": world.in_flow,
     }
     # "<" is written out so that no text can end the script it stands in
     text = json.dumps(data, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c")
@@ -61,16 +57,13 @@ def save_page(
 def _policy(results: xr.Dataset, name: str, shown: int) -> dict[str, Any]:
     """One policy's series, float32 in base64, cell after cell; NaN after the end of a life."""
     one = results.sel(policy=name).isel(cell=slice(shown))
-    columns = {
-        "x": one["position"].sel(axis="x"),
-        "y": one["position"].sel(axis="y"),
-        **{key: one[key] for key in ("time", "heading", "curvature", "concentration")},
-    }
+    series = {key: one[key] for key in ("time", "heading", "curvature", "concentration")}
+    series |= {axis: one["position"].sel(axis=axis) for axis in ("x", "y")}
     return {
         "name": name,
         "gain": [round(float(gain), 6) for gain in one["gain"].values],
         "shape": [shown, one.sizes["decision"]],
-        "series": {key: _packed(columns[key].values) for key in _SERIES},
+        "series": {key: _packed(values.values, "<f4") for key, values in series.items()},
     }
 
 
@@ -87,16 +80,15 @@ def _background(results: xr.Dataset, world: World, shown: int) -> dict[str, Any]
         values = np.asarray(world.field.concentration(places))
     values = np.nan_to_num(values, nan=float(np.nanmin(values)))
     span = float(np.ptp(values)) or 1.0
-    pixels = np.round(255 * (values - values.min()) / span).astype(np.uint8)
+    pixels = np.round(255 * (values - values.min()) / span)
     return {
         "what": "flow speed" if world.in_flow else "concentration",
-        "low": [float(each) for each in low],
-        "high": [float(each) for each in high],
-        "size": [int(each) for each in size],
-        "range": [float(values.min()), float(values.max())],
-        "pixels": base64.b64encode(pixels.tobytes()).decode(),
+        "low": low.tolist(),
+        "high": high.tolist(),
+        "size": size.tolist(),
+        "pixels": _packed(pixels, "u1"),
     }
 
 
-def _packed(values: np.ndarray) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
+def _packed(values: np.ndarray, kind: str) -> str:
+    return base64.b64encode(values.astype(kind).tobytes()).decode()

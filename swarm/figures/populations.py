@@ -1,7 +1,4 @@
-"""Figures of results: centrelines, gains, one cell's life, training, noise.
-
-Every function takes results and returns a matplotlib Figure; `save` writes it.
-"""
+"""Figures of populations: centrelines, gains, the way to an egg, training, noise and groups of runs."""
 
 from __future__ import annotations
 
@@ -11,29 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from swarm.figures.life import comparison, path_of
-from swarm.figures.style import (
-    BRIGHT_IS_FAST,
-    INK,
-    WIDTH,
-    around_egg,
-    chosen_policies,
-    contenders,
-    count_cells,
-    frame,
-    gradient_arrow,
-    label_beside,
-    legend,
-    lettered,
-    look,
-    save,
-    shade,
-    shade_concentration,
-    styled,
-)
+from swarm.figures import style
+from swarm.figures.life import path_of
 from swarm.physics.fields import LinearField
 from swarm.physics.world import World
 from swarm.population.results import RIVAL
@@ -42,56 +20,34 @@ from swarm.population.statistics import statistics
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = [
-    "Curve",
-    "centrelines",
-    "centrelines_and_gains",
-    "comparison",
-    "gains",
-    "groups",
-    "noise_sweep",
-    "path_of",
-    "radial",
-    "save",
-    "training",
-]
 
-
-@styled
+@style.styled
 def centrelines(
-    results: xr.Dataset,
-    world: World,
-    *,
-    policies: Sequence[str] | None = None,
-    cells: int | None = None,
-    shifted: bool = False,
+    results: xr.Dataset, world: World, *, policies: Sequence[str] | None = None, cells: int | None = None
 ) -> Figure:
-    """Centres of curvature of the cells' paths, DQN solid and greedy dashed.
+    """Centres of curvature of the paths of some `cells`, DQN solid and greedy dashed.
 
-    They stand where they were swum, over the concentration, or in a flow over its speed, one panel per
-    policy; with `shifted` all begin at one place.
+    They lie over the concentration, or in a flow over its speed, with one panel per policy.
     """
-    chosen = chosen_policies(results, policies) if policies else contenders(results)
-    if world.in_flow and not shifted:
+    chosen = style.chosen_policies(results, policies)
+    if world.in_flow:
         return _flow_panels(results, world, chosen, cells)
-    height = 0.55 if world.egg is None else 0.47
-    figure = Figure(figsize=(0.5 * WIDTH, height * WIDTH), layout="constrained")
-    axes = figure.add_subplot()
-    _centrelines_panel(axes, results, world, chosen, cells, shifted=shifted)
+    figure = style.canvas(0.5, 0.55 if world.egg is None else 0.47)
+    _centrelines_panel(figure.add_subplot(), results, world, chosen, cells)
     return figure
 
 
-@styled
+@style.styled
 def centrelines_and_gains(
     results: xr.Dataset, world: World, *, policies: Sequence[str] | None = None, cells: int | None = 16
 ) -> Figure:
     """(a) Centrelines of some `cells`, (b) gain of every cell: the paper's figure of a population."""
-    chosen = chosen_policies(results, policies) if policies else contenders(results)
-    figure = Figure(figsize=(WIDTH, 0.5 * WIDTH), layout="constrained")
+    chosen = style.chosen_policies(results, policies)
+    figure = style.canvas(1.0, 0.5)
     left, right = figure.subplots(1, 2, width_ratios=(1.1, 1.2))
-    _centrelines_panel(left, results, world, chosen, cells, shifted=False)
+    _centrelines_panel(left, results, world, chosen, cells)
     _gains_panel(right, results, chosen)
-    lettered([left, right])
+    style.lettered([left, right])
     return figure
 
 
@@ -101,144 +57,109 @@ def _centreline(results: xr.Dataset, policy: str, cell: int) -> np.ndarray:
 
 
 def _draw_centrelines(
-    axes: Axes, results: xr.Dataset, policy: str, cells: int, *, shifted: bool, width: float = 0.9
+    axes: Axes, results: xr.Dataset, policy: str, cells: int | None, *, width: float = 0.9
 ) -> None:
-    style = look(policy)
-    for cell in range(cells):
+    look = style.look(policy)
+    for cell in range(results.sizes["cell"])[:cells]:
         line = _centreline(results, policy, cell)
-        line = line - line[0] if shifted else line
-        axes.plot(*line.T, color=style.colour, linestyle=style.line, linewidth=width, alpha=0.85)
-        if not shifted:
-            axes.plot(*line[0], ".", color=style.colour, markersize=3)
+        axes.plot(*line.T, color=look.colour, linestyle=look.line, linewidth=width, alpha=0.85)
+        axes.plot(*line[0], ".", color=look.colour, markersize=3)
 
 
 def _centrelines_panel(
-    axes: Axes,
-    results: xr.Dataset,
-    world: World,
-    policies: Sequence[str],
-    cells: int | None,
-    *,
-    shifted: bool,
+    axes: Axes, results: xr.Dataset, world: World, policies: Sequence[str], cells: int | None
 ) -> None:
     for name in reversed(policies):
-        _draw_centrelines(axes, results, name, count_cells(results, cells), shifted=shifted)
-    linear = isinstance(world.field, LinearField)
-    if not shifted:
-        around_egg(axes, world)
-    frame(axes, square=world.egg is not None, narrowest=0.8)
-    if shifted:
-        axes.plot(0, 0, "o", color=INK, markersize=4, zorder=5)
-    elif not linear:
-        shade_concentration([axes], world)
-    if linear:
-        gradient_arrow(axes)
-    axes.set(xlabel="$x - x_0$" if shifted else "$x$", ylabel="$y - y_0$" if shifted else "$y$")
+        _draw_centrelines(axes, results, name, cells)
+    style.around_egg(axes, world)
+    style.frame(axes, square=world.egg is not None, narrowest=0.8)
+    axes.set(xlabel="$x$", ylabel="$y$")
     where: dict[str, Any] = {"loc": "best"}
-    if not linear:  # above the shaded field
+    if isinstance(world.field, LinearField):
+        arrow = {"arrowstyle": "-|>", "color": style.INK, "linewidth": 1.0, "shrinkB": 0}
+        middle: dict[str, Any] = {"ha": "center", "va": "top", "xycoords": "axes fraction"}
+        axes.annotate(r"$\nabla c$", (0.08, 0.99), (0.08, 0.83), arrowprops=arrow, **middle)
+    else:
+        style.shade_concentration([axes], world)
         where = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": len(policies)}
-    legend(axes, policies, handlelength=1.8, borderaxespad=0.2, **where)
+    style.legend(axes, policies, handlelength=1.8, borderaxespad=0.2, **where)
 
 
 def _flow_panels(results: xr.Dataset, world: World, policies: Sequence[str], cells: int | None) -> Figure:
-    figure = Figure(figsize=(WIDTH, 1.0), layout="constrained")
+    figure = style.canvas(1.0, 0.15)
     panels = figure.subplots(1, len(policies), sharex=True, sharey=True, squeeze=False)[0]
     for axes, name in zip(panels, policies, strict=True):
-        _draw_centrelines(axes, results, name, count_cells(results, cells), shifted=False)
-        around_egg(axes, world)
+        _draw_centrelines(axes, results, name, cells)
+        style.around_egg(axes, world)
         axes.set_xlabel("$x$")
+        axes.set_title(style.look(name).label, loc="left")
     panels[0].set_ylabel("$y$")
     for other in panels[1:]:  # the panels share their scales: the first one makes room for all
         panels[0].update_datalim(other.dataLim.corners())
-    frame(panels[0])
-    for axes in panels:
-        axes.set_aspect("equal", adjustable="box")
+    style.frame(panels[0])
     (left, right), (bottom, top) = panels[0].get_xlim(), panels[0].get_ylim()
-    width = (WIDTH - 1.2) / len(policies)
-    figure.set_size_inches(WIDTH, min(9.0, max(2.6, width * (top - bottom) / (right - left) + 0.8)))
+    width = (style.WIDTH - 1.2) / len(policies)
+    figure.set_size_inches(style.WIDTH, min(9.0, max(2.6, width * (top - bottom) / (right - left) + 0.8)))
 
     def flow_speed(position: np.ndarray) -> np.ndarray:
         return np.linalg.norm(world.flow.velocity(position), axis=-1)
 
-    for axes, name in zip(panels, policies, strict=True):
-        mesh = shade(axes, flow_speed, BRIGHT_IS_FAST, (0.0, None))
-        axes.set_title(look(name).label, loc="left")
-    lettered(panels)
+    for axes in panels:
+        axes.set_aspect("equal", adjustable="box")
+        mesh = style.shade(axes, flow_speed, style.BRIGHT_IS_FAST, (0.0, None))
+    style.lettered(panels)
     figure.colorbar(mesh, ax=list(panels), label="flow speed $|u|$", shrink=0.6, aspect=30, pad=0.015)
     return figure
 
 
-@styled
+@style.styled
 def gains(results: xr.Dataset, *, policies: Sequence[str] | None = None) -> Figure:
     """Gain of every cell at the end of its life; lines mark the means, and the limit where there is one."""
-    figure = Figure(figsize=(0.62 * WIDTH, 0.42 * WIDTH), layout="constrained")
-    _gains_panel(
-        figure.add_subplot(), results, chosen_policies(results, policies) if policies else contenders(results)
-    )
+    figure = style.canvas(0.62, 0.42)
+    _gains_panel(figure.add_subplot(), results, style.chosen_policies(results, policies))
     return figure
 
 
 def _gains_panel(axes: Axes, results: xr.Dataset, policies: Sequence[str]) -> None:
-    numbers = statistics(results)
-    cells = results.sizes["cell"]
-    size = 18 if cells <= 100 else 6
+    numbers, cells, marks = statistics(results), results.sizes["cell"], []
     for name in policies:
-        style, gain = look(name), results["gain"].sel(policy=name).values
-        open_or_full = style.colour if style.line == "-" else "none"
-        axes.scatter(
-            np.arange(1, cells + 1),
-            gain,
-            s=size,
-            marker=style.marker,
-            facecolor=open_or_full,
-            edgecolor=style.colour,
-            linewidth=0.9,
-            zorder=3,
-        )
-        axes.axhline(gain.mean(), color=style.colour, linewidth=1.2)
+        look, gain, own = style.look(name), results["gain"].sel(policy=name).values, numbers[name]
+        inside, size = look.colour if look.line == "-" else "none", 4.2 if cells <= 100 else 2.4
+        shape: dict[str, Any] = {"markerfacecolor": inside, "markersize": size, "markeredgewidth": 0.9}
+        axes.plot(range(1, cells + 1), gain, look.marker, color=look.colour, zorder=3, **shape)
+        axes.axhline(own["mean"], color=look.colour)
+        marks.append((own["mean"], f"{look.label}\n{own['mean']:.1f} ± {own['std']:.1f}", look.colour))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="cell", ylabel=r"gain $\Delta c = c(t_\mathrm{life}) - c(0)$", xlim=(0, cells + 1))
-    marks = [
-        (numbers[name]["mean"], f"{look(name).label}\n{_spread(numbers[name])}", look(name).colour)
-        for name in policies
-    ]
     limit = results.attrs.get("limit")
     if limit is not None:
-        axes.axhline(limit, color=INK, linewidth=1.2, linestyle=(0, (6, 1.5, 1, 1.5)))
-        marks.append((limit, f"limit\n{limit:.2f}", INK))
+        axes.axhline(limit, color=style.INK, linestyle=style.look("optimal").line)
+        marks.append((limit, f"limit\n{limit:.2f}", style.INK))
     low, high = axes.get_ylim()
     axes.set_ylim(low - 0.03 * (high - low), high + 0.05 * (high - low))
-    label_beside(axes, marks)
+    style.label_beside(axes, marks)
 
 
-def _spread(numbers: Mapping[str, Any]) -> str:
-    return f"{numbers['mean']:.1f} ± {numbers['std']:.1f}"
-
-
-@styled
+@style.styled
 def radial(
     results: xr.Dataset, world: World, *, policy: str | None = None, cell: int = 0, cells: int = 9
 ) -> Figure:
     """(a) One cell's path to the egg with its centreline, (b) several centrelines, over the concentration."""
-    name = policy or contenders(results)[0]
-    style = look(name)
-    figure = Figure(figsize=(WIDTH, 0.43 * WIDTH), layout="constrained")
+    name = policy or style.chosen_policies(results)[0]
+    colour = style.look(name).colour
+    figure = style.canvas(1.0, 0.43)
     left, right = figure.subplots(1, 2)
-    left.plot(*path_of(results, world, name, cell).T, color=style.colour, linewidth=0.6)
-    left.plot(*_centreline(results, name, cell).T, color=INK, linewidth=1.2)
-    left.plot(*results["start_position"].isel(cell=cell).values, "o", color=INK, markersize=3.5, zorder=5)
-    _draw_centrelines(right, results, name, count_cells(results, cells), shifted=False, width=1.1)
+    left.plot(*path_of(results, world, name, cell).T, color=colour, linewidth=0.6)
+    left.plot(*_centreline(results, name, cell).T, color=style.INK, linewidth=1.2)
+    style.mark_start(left, results, cell)
+    _draw_centrelines(right, results, name, cells, width=1.1)
     for axes in (left, right):
-        around_egg(axes, world)
-        frame(axes, square=True)
+        style.around_egg(axes, world)
+        style.frame(axes, square=True)
         axes.set(xlabel="$x$", ylabel="$y$")
-    shade_concentration([left, right], world)
-    handles = [
-        Line2D([], [], color=style.colour, linewidth=0.8),
-        Line2D([], [], color=INK, linewidth=1.2),
-    ]
-    left.legend(handles, ["path", "centreline"], loc="best")
-    lettered([left, right])
+    style.shade_concentration([left, right], world)
+    left.legend(left.lines[:2], ["path", "centreline"], loc="best")
+    style.lettered([left, right])
     return figure
 
 
@@ -251,47 +172,42 @@ class Curve(NamedTuple):
     limit: float | None = None
 
 
-@styled
+@style.styled
 def training(curves: Mapping[str, Curve] | Curve) -> Figure:
-    """Gain against epoch, one panel per curve: the mean over seeds with the band from the worst to the best.
+    """Gain against epoch, one panel per title: the mean over seeds with the band from the worst to the best.
 
-    Greedy and the limit are drawn in.
+    Greedy and the limit are drawn in. Titles are Matplotlib's text; `style.plain` takes a name literally.
     """
     named = {"": curves} if isinstance(curves, Curve) else dict(curves)
-    width = 0.62 * WIDTH if len(named) == 1 else WIDTH
-    figure = Figure(figsize=(width, 0.38 * WIDTH), layout="constrained")
+    figure = style.canvas(0.62 if len(named) == 1 else 1.0, 0.38)
     panels = figure.subplots(1, len(named), sharey=True, squeeze=False)[0]
     for axes, (title, curve) in zip(panels, named.items(), strict=True):
         _training_panel(axes, curve)
         axes.set_title(title, loc="left")
         axes.set_xlabel("epoch")
     panels[0].set_ylabel(r"gain $\Delta c$")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+    style.legend_above(figure, panels[0])
     if len(named) > 1:
-        lettered(panels)
+        style.lettered(panels)
     return figure
 
 
 def _training_panel(axes: Axes, curve: Curve) -> None:
     epoch, gain = np.asarray(curve.epoch), np.atleast_2d(np.asarray(curve.gain, float))
-    style = look("dqn")
+    look, rival = style.look("dqn"), style.look(RIVAL)
     if curve.limit is not None:
-        axes.axhline(curve.limit, color=INK, linestyle=look("optimal").line, label="limit")
+        axes.axhline(curve.limit, color=style.INK, linestyle=style.look("optimal").line, label="limit")
     if len(gain) > 1:
-        axes.fill_between(
-            epoch, gain.min(axis=0), gain.max(axis=0), color=style.colour, alpha=0.22, linewidth=0
-        )
-    label = style.label if len(gain) == 1 else f"{style.label}, {len(gain)} seeds"
+        band = gain.min(axis=0), gain.max(axis=0)
+        axes.fill_between(epoch, *band, color=look.colour, alpha=0.22, linewidth=0)
+    label = look.label if len(gain) == 1 else f"{look.label}, {len(gain)} seeds"
     marker = "o" if len(epoch) <= 40 else None
-    axes.plot(epoch, gain.mean(axis=0), color=style.colour, label=label, marker=marker, markersize=2.5)
+    axes.plot(epoch, gain.mean(axis=0), color=look.colour, label=label, marker=marker, markersize=2.5)
     if curve.greedy is not None:
-        axes.axhline(
-            curve.greedy, color=look(RIVAL).colour, linestyle=look(RIVAL).line, label=look(RIVAL).label
-        )
+        axes.axhline(curve.greedy, color=rival.colour, linestyle=rival.line, label=rival.label)
 
 
-@styled
+@style.styled
 def noise_sweep(
     levels: Sequence[float],
     results: Sequence[xr.Dataset],
@@ -299,58 +215,45 @@ def noise_sweep(
     label: str,
     policies: Sequence[str] | None = None,
 ) -> Figure:
-    """Mean gain, with its 95% bootstrap interval, against a perturbation's strength, a test per level."""
+    """Mean gain, with its 95% interval, against a perturbation's strength, a test per level."""
     if len(levels) != len(results) or not len(levels):
         raise ValueError(f"levels must be one for each of the results, got {len(levels)} and {len(results)}")
-    figure = Figure(figsize=(0.62 * WIDTH, 0.42 * WIDTH), layout="constrained")
+    figure = style.canvas(0.62, 0.42)
     axes = figure.add_subplot()
     numbers = [statistics(one) for one in results]
-    for name in chosen_policies(results[0], policies):
-        style, means = look(name), np.array([each[name]["mean"] for each in numbers])
-        band = np.transpose(
-            [each[name]["ci95"] or (mean, mean) for each, mean in zip(numbers, means, strict=True)]
-        )
-        axes.errorbar(
-            levels,
-            means,
-            yerr=np.abs(band - means),
-            capsize=3,
-            color=style.colour,
-            linestyle=style.line,
-            marker=style.marker,
-            markersize=3,
-            label=style.label,
-        )
-        axes.fill_between(levels, *band, color=style.colour, alpha=0.2, linewidth=0)
+    chosen = style.chosen_policies(results[0], policies or list(numbers[0]))
+    for name in chosen:
+        look, means = style.look(name), np.array([each[name]["mean"] for each in numbers])
+        intervals = [each[name]["ci95"] or (each[name]["mean"],) * 2 for each in numbers]
+        band, line = np.transpose(intervals), {"color": look.colour, "linestyle": look.line}
+        axes.errorbar(levels, means, np.abs(band - means), capsize=3, marker=look.marker, ms=3, **line)
+        axes.fill_between(levels, *band, color=look.colour, alpha=0.2, linewidth=0)
     axes.set(xlabel=label, ylabel=r"mean gain $\Delta c$")
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-    axes.legend(loc="best")
+    style.legend(axes, chosen, loc="best")
     return figure
 
 
-@styled
+@style.styled
 def groups(rows: Sequence[tuple[Mapping[str, Any], np.ndarray]]) -> Figure:
     """Mean gains of groups of runs: every seed (seeds,), the mean with its interval, greedy and the limit.
 
     A row holds `runs`, `mean`, `low`, `high`, `greedy` and `limit`; None where there is no number.
     """
-    figure = Figure(figsize=(WIDTH, 0.7 + 0.42 * len(rows)), layout="constrained")
+    figure = style.canvas(1.0, 0.1 + 0.06 * len(rows))
     axes = figure.subplots()
-    style, rival = look("dqn"), look(RIVAL)
+    look, rival = style.look("dqn"), style.look(RIVAL)
     for place, (row, seeds) in enumerate(rows):
-        axes.plot(seeds, np.full(len(seeds), place), "o", color=style.colour, alpha=0.35, markersize=4)
+        axes.plot(seeds, np.full(len(seeds), place), "o", color=look.colour, alpha=0.35, markersize=4)
         if row["low"] is not None:
-            axes.plot([row["low"], row["high"]], [place, place], color=style.colour, linewidth=2.4)
-        axes.plot(
-            row["mean"], place, "D", color=style.colour, markersize=5, label="mean, 95% interval, seeds"
-        )
+            axes.plot([row["low"], row["high"]], [place, place], color=look.colour, linewidth=2.4)
+        mean = "mean, 95% interval, seeds"
+        axes.plot(row["mean"], place, "D", color=look.colour, markersize=5, label=mean)
         axes.plot(row["greedy"], place, rival.marker, color=rival.colour, markersize=5, label=rival.label)
         if row["limit"] is not None:
-            axes.plot([row["limit"]] * 2, [place - 0.3, place + 0.3], color=INK, label="limit")
-    axes.set_yticks(range(len(rows)), [str(row["runs"]) for row, _ in rows])
+            axes.plot([row["limit"]] * 2, [place - 0.3, place + 0.3], color=style.INK, label="limit")
+    axes.set_yticks(range(len(rows)), [style.plain(row["runs"]) for row, _ in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xlabel(r"mean gain $\Delta c$")
-    handles, labels = axes.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    figure.legend(list(unique.values()), list(unique), loc="outside upper right", ncols=len(unique))
+    style.legend_above(figure, axes)
     return figure

@@ -1,23 +1,48 @@
-"""What a picture of a swarm shows: the water, the egg, the swimmers with their trails."""
+"""The picture of a swarm: water, egg, swimmers with their trails, and a panel of numbers, drawn by Agg."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
+from contourpy import contour_generator
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon, Rectangle
+from matplotlib.text import Text
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
+from PIL import Image
 
-from swarm.figures import picture
+from swarm.figures.style import in_style
 from swarm.physics.world import World
 
 SIZE = 720  # of the square that shows the world [pixels]
+PANEL = 240  # width of the panel beside it [pixels]
+LEFT, RIGHT = SIZE + 26, SIZE + PANEL - 26  # columns between which the panel is filled
+CURVE = (190, 290)  # rows of the curve of gains
+BAR = (430, 690)  # rows of the colour bar
 GRID = 180  # places across the square at which field and flow are computed
 TRAIL = 28  # decisions that a trail reaches back
-TAIL = 0.45  # length of a swimmer's flagellum [length]
-DOT = 0.7  # distance from dot to dot of a trail [pixels]
-WHITE = (1.0, 1.0, 1.0)
-SHADOW = (0.02, 0.03, 0.06)
+TAIL = 1.1  # decisions that a flagellum reaches back
+WAVE, BEAT, BEND = 0.8, 0.8, 0.04  # of a flagellum: decisions a wave, waves a decision, height [length]
+
+INK, FAINT, PAPER, SHADOW = "#edf2f7", "#94a6b8", "#090c14", "#05080f"
+GOLD, HEAD, RESTING, EGG, YOLK = "#ffcc6b", "#ffffff", "#99a8bd", "#fadbbd", "#db9e80"
+# They grow brighter all the way: whoever sees no colours reads them too.
+SEA = LinearSegmentedColormap.from_list("sea", ["#0b1330", "#10315c", "#145374", "#1f7a83", "#3fa38a"])
+PLUM = LinearSegmentedColormap.from_list("plum", ["#0d0f26", "#1f2250", "#38306f", "#57397b", "#7a4681"])
+DARK = {"figure.dpi": 72, "text.color": INK, "font.size": 12}  # a point is a pixel
+
+PIXELS = Affine2D().scale(1, -1).translate(0.5, SIZE - 0.5)  # Agg's place of a pixel's column and row
+SQUARE = Bbox(((0, 0), (SIZE, SIZE)))
 
 
 class Camera(NamedTuple):
@@ -33,7 +58,7 @@ class Camera(NamedTuple):
         return SIZE / self.width
 
     def pixels(self, places: np.ndarray) -> np.ndarray:
-        """Pixels (..., 2) of complex places (...) [length]."""
+        """Columns and rows (..., 2) of complex places (...) [length]."""
         away = (places - complex(self.x, self.y)) * self.scale
         return np.stack([away.real, -away.imag], axis=-1) + (SIZE - 1) / 2
 
@@ -55,141 +80,229 @@ class Segment(NamedTuple):
     start: np.ndarray  # (cells,) complex [length]
     chord: np.ndarray  # (cells,) complex [length]
     turn: np.ndarray  # (cells,) [rad]
-    swum: np.ndarray  # (cells,) [length]; 0 where the cell rested
     seen: np.ndarray  # (cells,) bool: swum, and in the cell's present life
 
     def places(self, share: np.ndarray) -> np.ndarray:
-        """Complex places (cells, k) at shares (k,) in [0, 1] of the interval.
+        """Complex places (cells, k) at shares (k,) in [0, 1] of the interval; NaN where nothing is seen.
 
         z(s) = z₀ + (z₁ − z₀)(e^{iαs} − 1)/(e^{iα} − 1): the arc of angle α through both ends.
         """
         small = np.abs(self.turn) < 1e-4
         turn = np.where(small, 1.0, self.turn)[:, None]
-        ratio = np.expm1(1j * turn * share) / np.expm1(1j * turn)
-        return self.start[:, None] + self.chord[:, None] * np.where(small[:, None], share, ratio)
+        ratio = np.where(small[:, None], share, np.expm1(1j * turn * share) / np.expm1(1j * turn))
+        return np.where(self.seen[:, None], self.start[:, None] + self.chord[:, None] * ratio, np.nan)
 
 
-def colours(world: World) -> tuple[str, ...]:
-    """Colours of the water: of the flow's speed where there is a flow, else of the concentration."""
-    return picture.PLUM if world.in_flow else picture.SEA
+class Scene:
+    """Draws pictures (720, 960, 3) uint8 of one world.
 
-
-def paint_water(
-    square: np.ndarray, world: World, camera: Camera, seen: tuple[float, float] | None
-) -> tuple[float, float]:
-    """Concentration, or the flow's speed, as colour, with lines of equal concentration.
-
-    Colours run over `seen` and what is in view; returns the values over which they run.
+    Colours run over all values that have been in view. What stands still while the cells swim is drawn once
+    for every place of the camera.
     """
-    offsets = ((np.arange(GRID) + 0.5) / GRID - 0.5) * camera.width
-    grid = np.stack(np.meshgrid(camera.x + offsets, camera.y - offsets), axis=-1)
-    concentration = np.nan_to_num(np.asarray(world.field.concentration(grid), float))
-    shown = concentration
-    if world.in_flow:
-        velocity = np.nan_to_num(np.asarray(world.flow.velocity(grid), float))
-        shown = np.hypot(velocity[..., 0], velocity[..., 1])
-    known = np.ones(shown.shape, bool)
-    for inside in world.domains:
-        known &= np.asarray(inside(grid))
-    values = shown[known] if known.any() else shown
-    low, high = 0.0 if world.in_flow else float(values.min()), float(values.max())
-    if seen is not None:
-        low, high = min(low, seen[0]), max(high, seen[1])
-    square[:] = picture.coloured(picture.enlarged(shown, SIZE), low, high, colours(world))
-    span = float(np.ptp(concentration))
-    if span > 0:
-        lines = picture.contours(picture.enlarged(concentration, SIZE), picture.nice_step(span / 8))
-        picture.lay(square, WHITE, lines)
-    if not known.all():
-        picture.lay(square, picture.PAPER, 0.8 * np.clip(picture.enlarged(1.0 - known, SIZE), 0, 1))
-    return low, high
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.colours = PLUM if world.in_flow else SEA
+        self.span = (np.inf, -np.inf)  # values over which the colours run
+        self.camera: Camera | None = None
+        with in_style(DARK):
+            self.figure = Figure(figsize=((SIZE + PANEL) / 72, SIZE / 72), facecolor=PAPER)
+            self.canvas = FigureCanvasAgg(self.figure)
+            self.canvas.draw()
+            shown = "flow speed" if world.in_flow else "concentration"
+            for row, label in ((52, "time"), (130, "mean gain"), (340, "swimming"), (416, shown)):
+                self._write(LEFT, row, label, fontsize=13, color=FAINT)
+            self.paper = self.backdrop = self.canvas.copy_from_bbox(self.figure.bbox)
+
+    def picture(
+        self,
+        camera: Camera,
+        glance: Glance,
+        trail: Sequence[Segment],
+        curve: np.ndarray,
+        *,
+        share: float = 1.0,
+    ) -> np.ndarray:
+        """The cells of a `glance`, `share` of whose latest segment is swum, and their `trail` (oldest first).
+
+        `curve` (decisions, 4) holds time and the mean, least and largest gain.
+        """
+        with in_style(DARK):
+            if camera != self.camera:
+                self.canvas.restore_region(self.paper)
+                self._draw_backdrop(camera)
+                self.camera, self.backdrop = camera, self.canvas.copy_from_bbox(self.figure.bbox)
+            self.canvas.restore_region(self.backdrop)
+            self._draw_swimmers(camera, glance, trail, len(curve) + share, share)
+            self._draw_numbers(curve, glance.finished)
+        return np.ascontiguousarray(np.asarray(self.canvas.buffer_rgba())[..., :3])
+
+    # --- what stands still ---
+
+    def _draw_backdrop(self, camera: Camera) -> None:
+        self._draw_water(camera)
+        if self.world.in_flow:
+            self._draw_streaks(camera)
+        if self.world.egg is not None:
+            self._draw_egg(camera, *self.world.egg)
+        length = nice_step(camera.width / 5)
+        wide = length * camera.scale
+        self._draw(Rectangle((15.5, SIZE - 50.5), wide + 16, 34, color=PAPER, alpha=0.55, linewidth=0))
+        self._draw(Rectangle((23.5, SIZE - 26.5), wide, 3, color=INK, linewidth=0))
+        self._write(24 + wide / 2, SIZE - 33, f"{length:g}", ha="center")
+        self._draw_bar()
+
+    def _draw_water(self, camera: Camera) -> None:
+        """Concentration, or the flow's speed, as colour, with lines of equal concentration."""
+        world = self.world
+        offsets = ((np.arange(GRID) + 0.5) / GRID - 0.5) * camera.width
+        grid = np.stack(np.meshgrid(camera.x + offsets, camera.y - offsets), axis=-1)
+        concentration = np.nan_to_num(np.asarray(world.field.concentration(grid), float))
+        shown = np.abs(self._flow(grid)) if world.in_flow else concentration
+        known = np.ones(shown.shape, bool)
+        for inside in world.domains:
+            known &= np.asarray(inside(grid))
+        values = shown[known] if known.any() else shown
+        low, high = 0.0 if world.in_flow else float(values.min()), float(values.max())
+        self.span = min(low, self.span[0]), max(high, self.span[1])
+        colours = self.colours(Normalize(*self.span)(shown), bytes=True)
+        colours[~known, :3] = 0.2 * colours[~known, :3] + 0.8 * 255 * np.array(to_rgb(PAPER))
+        self._show(np.asarray(Image.fromarray(colours).resize((SIZE, SIZE), Image.Resampling.BICUBIC)), 0, 0)
+        low, high = float(concentration.min()), float(concentration.max())
+        if high <= low:
+            return
+        step = nice_step((high - low) / 8)
+        levels = np.arange(math.ceil(low / step), math.floor(high / step) + 1)
+        ticks = np.interp(np.arange(GRID), (0, 1, GRID - 2, GRID - 1), (-1, 5.5, SIZE - 6.5, SIZE))
+        found: Any = contour_generator(ticks, ticks, concentration).multi_lines(levels * step)
+        strong = [0.25 if level % 5 == 0 else 0.1 for level in levels]
+        drawn = [(line, each) for lines, each in zip(found, strong, strict=True) for line in lines]
+        self._draw_lines([line for line, _ in drawn], "#ffffff", [each for _, each in drawn], 1.0)
+
+    def _draw_streaks(self, camera: Camera) -> None:
+        """Streaks that brighten in the direction of the flow, the longer the faster it is."""
+        step = nice_step(camera.width / 8)  # they stand still while the camera moves
+        reach = math.ceil(camera.width / step / 2) + 1
+        x, y = (step * np.arange(round(at / step) - reach, round(at / step) + reach + 1) for at in camera[:2])
+        grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        streak = self._flow(grid)[:, None] * (0.7 * step / max(self.span[1], 1e-12))
+        lines = (grid @ [1, 1j])[:, None] + streak * np.linspace(-0.5, 0.5, 9)
+        self._fade(camera.pixels(lines), INK, np.linspace(0, 0.6, 8), 1.5)
+
+    def _draw_egg(self, camera: Camera, place: tuple[float, float], radius: float) -> None:
+        """The egg, a halo around it and its yolk, each of the two many faint discs."""
+        halo, yolk = np.linspace(1.7, 1.0, 15), np.linspace(0.75, 0.1, 12)
+        across = 2 * radius * camera.scale * np.concatenate([halo, [1.0], yolk])
+        colours = [(EGG, 0.016)] * len(halo) + [(EGG, 0.85)] + [(YOLK, 0.06)] * len(yolk)
+        centre = camera.pixels(np.full(len(across), complex(*place)))
+        self._draw_ellipses(centre, across, across, np.zeros(len(across)), facecolors=colours, linewidths=0)
+
+    def _draw_bar(self) -> None:
+        (top, bottom), (low, high) = BAR, self.span
+        shades = self.colours(np.linspace(1, 0, bottom - top), bytes=True)
+        self._show(np.repeat(shades[:, None], 16, axis=1), LEFT, top)
+        for value in MaxNLocator(8, steps=[1, 2, 5, 10]).tick_values(low, high):
+            if low <= value <= high and low < high:
+                row = bottom - (bottom - top) * (value - low) / (high - low)
+                self._draw(Line2D([LEFT + 16, LEFT + 22], [row, row], color=FAINT, linewidth=1))
+                self._write(LEFT + 28, row, _signed(f"{value:g}"), va="center_baseline")
+
+    def _flow(self, grid: np.ndarray) -> np.ndarray:
+        return np.nan_to_num(np.asarray(self.world.flow.velocity(grid), float)) @ [1, 1j]
+
+    # --- what moves ---
+
+    def _draw_swimmers(
+        self, camera: Camera, glance: Glance, trail: Sequence[Segment], clock: float, share: float
+    ) -> None:
+        """Fading trails, flagella that beat, and heads; `clock` counts decisions."""
+        place, angle = glance.position, glance.angle
+        if trail:
+            oldest = len(trail) - 1 + share
+            lines = camera.pixels(places_behind(trail, share, np.linspace(0, oldest, 8 * len(trail) + 1)))
+            age = np.linspace(0, oldest, 2 * len(trail))
+            fading = (1 - age / TRAIL) ** 1.5 * np.clip(0.25 + age / TAIL, 0, 1)  # less under the flagellum
+            self._fade(lines, GOLD, 0.16 * fading, 6.0)
+            self._fade(lines, GOLD, 0.85 * fading, 1.6)
+            back = np.linspace(0, min(TAIL, oldest), 25)
+            tail = places_behind(trail, share, back)
+            phase = back / WAVE - BEAT * clock + 0.38 * np.arange(len(tail))[:, None]  # each its own
+            bent = BEND * np.minimum(1, back / 0.5) * np.sin(2 * np.pi * phase)
+            along = np.exp(1j * np.angle(np.gradient(tail, axis=1)))
+            self._fade(camera.pixels(tail + 1j * along * bent), HEAD, np.linspace(1, 0.2, 12), 1.8)
+            latest = trail[-1]
+            place = np.where(latest.seen, latest.places(np.array([share]))[:, 0], place)
+            angle = angle - np.where(latest.seen, (1 - share) * latest.turn, 0.0)
+        first = np.argsort(~glance.finished, kind="stable")  # those at rest lie below
+        length = np.full(len(first), 2 * min(max(0.11 * camera.scale, 4.0), 7.0))
+        colours = np.where(glance.finished, RESTING, HEAD)[first]
+        places, tilt = camera.pixels(place[first]), np.degrees(angle[first])
+        rim = {"facecolors": colours, "edgecolors": SHADOW, "linewidths": 1.2}
+        self._draw_ellipses(places, length, 0.62 * length, tilt, **rim)
+
+    def _draw_numbers(self, curve: np.ndarray, finished: np.ndarray) -> None:
+        """Time, gain, how many swim; mean gain over time between the least and the largest of all cells."""
+        time, mean, least, largest = curve.T
+        self._write(LEFT, 84, f"{time[-1]:.2f}", fontsize=27, weight="bold")
+        self._write(LEFT, 162, _signed(f"{mean[-1]:+.2f}"), fontsize=27, weight="bold", color=GOLD)
+        self._write(LEFT, 366, f"{int((~finished).sum())} of {len(finished)}", fontsize=18)
+        ends = min(float(least.min()), 0.0), max(float(largest.max()), 1e-9)
+        x = np.interp(time, (0, max(time[-1], 1e-9)), (LEFT, RIGHT))
+        zero, mean, least, largest = (np.interp(y, ends, CURVE[::-1]) for y in (0.0, mean, least, largest))
+        self._draw(Line2D([LEFT, RIGHT], [zero, zero], color=FAINT, linewidth=0.6))
+        band = np.stack([np.append(x, x[::-1]), np.append(largest, least[::-1])], axis=-1)
+        self._draw(Polygon(band, color=GOLD, alpha=0.25, linewidth=0))
+        self._draw(Line2D(x, mean, color=GOLD, linewidth=1.8))
+
+    # --- how it is drawn: at once, by column and row ---
+
+    def _draw(self, artist: Artist, **options: Any) -> None:
+        artist.set(**{"figure": self.figure, "transform": PIXELS, **options})
+        artist.draw(self.canvas.get_renderer())
+
+    def _write(self, column: float, row: float, text: str, **options: Any) -> None:
+        self._draw(Text(column, row, text, **options))
+
+    def _show(self, image: np.ndarray, column: int, row: int) -> None:
+        """An image (height, width, 4) uint8."""
+        renderer = self.canvas.get_renderer()
+        renderer.draw_image(renderer.new_gc(), column, SIZE - row - len(image), image[::-1])
+
+    def _draw_ellipses(self, places: np.ndarray, *shape: np.ndarray, **colours: Any) -> None:
+        """Ellipses at places (k, 2): lengths, widths [pixels] and angles [degrees, counter-clockwise]."""
+        drawn = EllipseCollection(*shape, units="dots", offsets=places, offset_transform=PIXELS, **colours)
+        self._draw(drawn, clip_box=SQUARE, transform=IdentityTransform())
+
+    def _draw_lines(
+        self, lines: Sequence[np.ndarray], colour: str, opacity: Sequence[float] | np.ndarray, width: float
+    ) -> None:
+        colours = [(*to_rgb(colour), each) for each in opacity]
+        drawn = LineCollection(lines, colors=colours, linewidths=width, capstyle="butt", joinstyle="round")
+        self._draw(drawn, clip_box=SQUARE)
+
+    def _fade(self, lines: np.ndarray, colour: str, opacity: np.ndarray, width: float) -> None:
+        """Lines (n, k, 2), cut across into as many parts as there are opacities; gaps where they are NaN."""
+        ends = np.linspace(0, lines.shape[1] - 1, len(opacity) + 1).round().astype(int)
+        gap = np.full((len(lines), 1, 2), np.nan)
+        parts = [
+            np.hstack([lines[:, first : last + 1], gap]).reshape(-1, 2) for first, last in pairwise(ends)
+        ]
+        self._draw_lines(parts, colour, opacity, width)
 
 
-def paint_streaks(square: np.ndarray, world: World, camera: Camera, fastest: float) -> None:
-    """Streaks that brighten in the direction of the flow, the longer the faster it is."""
-    step = picture.nice_step(camera.width / 8)  # they stand still while the camera moves
-    count = math.ceil(camera.width / step / 2) + 1
-    ticks = np.arange(-count, count + 1)
-    columns, rows = (round(camera.x / step) + ticks) * step, (round(camera.y / step) + ticks) * step
-    grid = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    velocity = np.nan_to_num(np.asarray(world.flow.velocity(grid), float))
-    streak = _complex(velocity)[:, None] * (0.7 * step / max(fastest, 1e-12))
-    share = np.linspace(0, 1, 40)
-    dots = _complex(grid)[:, None] + streak * (share - 0.5)
-    spacing = np.abs(streak) * camera.scale / len(share)
-    weights = 0.45 * share * np.clip(spacing, 0, 1)
-    picture.lay(square, picture.INK, picture.strokes(camera.pixels(dots.ravel()), weights.ravel(), SIZE))
+def places_behind(trail: Sequence[Segment], share: float, back: np.ndarray) -> np.ndarray:
+    """Complex places (cells, k) where cells were `back` (k,) decisions ago, rising from 0."""
+    age = np.ceil(back - share).astype(int).clip(0)  # segments that have been swum since
+    return np.hstack(
+        [segment.places(share + i - back[age == i]) for i, segment in enumerate(reversed(trail))]
+    )
 
 
-def paint_egg(square: np.ndarray, egg: tuple[tuple[float, float], float], camera: Camera) -> None:
-    """The egg and a halo around it."""
-    (x, y), radius = egg
-    centre, radius = camera.pixels(np.array(complex(x, y))), radius * camera.scale
-    halo = picture.disc(centre, 1.35 * radius, SIZE, softness=0.7 * radius)
-    core = picture.disc(centre, 0.45 * radius, SIZE, softness=0.5 * radius)
-    picture.lay(square, picture.EGG, 0.16 * halo)
-    picture.lay(square, picture.EGG, 0.85 * picture.disc(centre, radius, SIZE))
-    picture.lay(square, picture.YOLK, 0.5 * core)
+def nice_step(span: float) -> float:
+    """1, 2 or 5 times a power of ten, not above `span`."""
+    power = 10.0 ** math.floor(math.log10(span))
+    return next(power * step for step in (5, 2, 1) if power * step <= span * (1 + 1e-9))
 
 
-def paint_swimmers(
-    square: np.ndarray, glance: Glance, trail: Sequence[Segment], camera: Camera, share: float
-) -> None:
-    """Fading trails, flagella and heads; `share` is how much of the latest segment has been swum."""
-    dots, fading, tail_dots, tail_fading = [], [], [], []
-    behind = np.zeros(len(glance.position))  # how far back along the path [length]
-    for age, segment in enumerate(reversed(trail)):
-        part = share if age == 0 else 1.0
-        longest = float(segment.swum.max())
-        count = max(2, math.ceil(longest * camera.scale / DOT))
-        shares = part * (np.arange(count) + 0.5) / count
-        places = segment.places(shares)
-        visible = np.broadcast_to(segment.seen[:, None], places.shape)
-        weight = DOT * segment.swum[:, None] / max(longest, 1e-12)
-        back = behind[:, None] + segment.swum[:, None] * (part - shares)
-        faded = np.clip(1 - (age + part - shares) / TRAIL, 0, 1) ** 1.5
-        tail = visible & (back < TAIL)
-        dots.append(places[visible])
-        fading.append((weight * faded)[visible])
-        tail_dots.append(places[tail])
-        tail_fading.append((1.3 * weight * (1 - back / TAIL))[tail])
-        behind = behind + part * segment.swum
-    for colour, parts, weights in ((picture.TRAIL, dots, fading), (WHITE, tail_dots, tail_fading)):
-        if parts:
-            places = camera.pixels(np.concatenate(parts))
-            picture.lay(square, colour, picture.strokes(places, np.concatenate(weights), SIZE))
-    place, angle = glance.position, glance.angle
-    if trail:
-        latest = trail[-1]
-        place = np.where(latest.seen, latest.places(np.array([share]))[:, 0], place)
-        angle = angle - np.where(latest.seen, (1 - share) * latest.turn, 0.0)
-    _paint_heads(square, camera, place, angle, glance.finished)
-
-
-def _paint_heads(
-    square: np.ndarray, camera: Camera, place: np.ndarray, angle: np.ndarray, finished: np.ndarray
-) -> None:
-    length = min(max(0.11 * camera.scale, 4.0), 7.0)
-    for chosen, colour in ((finished, picture.RESTING), (~finished, WHITE)):
-        if chosen.any():
-            pixels, tilt = camera.pixels(place[chosen]), -angle[chosen]
-            rim = picture.ellipses(pixels, tilt, length + 1.4, 0.62 * length + 1.4, SIZE)
-            picture.lay(square, SHADOW, 0.75 * rim)
-            picture.lay(square, colour, picture.ellipses(pixels, tilt, length, 0.62 * length, SIZE))
-
-
-def write_scale(square: np.ndarray, camera: Camera) -> None:
-    """A bar that tells how long a length is."""
-    length = picture.nice_step(camera.width / 5)
-    pixels = length * camera.scale
-    sheet = picture.Sheet(math.ceil(pixels) + 16, 34)
-    sheet.line(np.array([(8, 24), (8 + pixels, 24)]), picture.INK, 2.5)
-    sheet.text((8 + pixels / 2, 17), f"{length:g}", 12, anchor="ms")
-    width, height = sheet.size
-    corner = square[:, SIZE - 16 - height : SIZE - 16, 16 : 16 + width]
-    corner *= 0.6
-    sheet.lay_on(corner)
-
-
-def _complex(vectors: np.ndarray) -> np.ndarray:
-    return vectors[..., 0] + 1j * vectors[..., 1]
+def _signed(number: str) -> str:
+    return number.replace("-", "−")

@@ -1,6 +1,6 @@
 """What all figures share: one style, how each policy looks, and parts of panels.
 
-The style can be told apart without colours. Nothing here touches pyplot or its global state.
+Every figure is drawn and saved within `in_style`; nothing here touches pyplot.
 """
 
 from __future__ import annotations
@@ -8,11 +8,12 @@ from __future__ import annotations
 import functools
 import io
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, Normalize
@@ -28,29 +29,15 @@ if TYPE_CHECKING:
     import xarray as xr
 
 WIDTH = 7.0  # of a page [inch]
-TALL = 1.45  # height per width of a panel with paths
-ENLARGED = 0.42  # width of an enlarged part, of its axes
 INK = "#222222"
-RC: Any = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.labelsize": 9,
+RC: dict[str, Any] = {
+    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 9),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 8),
     "legend.fontsize": 8.5,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "axes.linewidth": 0.7,
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
+    **dict.fromkeys(("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
+    **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width"), 0.7),
+    **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
     "lines.linewidth": 1.2,
-    "mathtext.fontset": "dejavusans",
     "figure.dpi": 100,
     "savefig.dpi": 200,
     "svg.hashsalt": "chemoswarm",
@@ -84,13 +71,23 @@ BRIGHT_IS_FAST = LinearSegmentedColormap.from_list("bright is fast", ["#8f9aa5",
 P = ParamSpec("P")
 
 
+def in_style(more: Mapping[str, Any] | None = None) -> AbstractContextManager[None]:
+    """Within, Matplotlib's own defaults hold and ours over them, whatever a user's matplotlibrc says."""
+    return matplotlib.style.context(RC | dict(more or {}), after_reset=True)
+
+
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     @functools.wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with matplotlib.rc_context(RC):
+        with in_style():
             return draw(*args, **kwargs)
 
     return styled
+
+
+def canvas(width: float, height: float) -> Figure:
+    """An empty figure, its size in widths of a page."""
+    return Figure(figsize=(width * WIDTH, height * WIDTH), layout="constrained")
 
 
 def save(figure: Figure, path: str | os.PathLike) -> None:
@@ -100,9 +97,14 @@ def save(figure: Figure, path: str | os.PathLike) -> None:
     if kind not in undated:
         raise ValueError(f"figures must be saved as .png, .pdf or .svg, got {str(path)!r}")
     buffer = io.BytesIO()
-    with matplotlib.rc_context(RC):
+    with in_style():
         figure.savefig(buffer, format=kind, metadata=undated[kind], bbox_inches="tight", pad_inches=0.06)
     files.write_bytes(path, buffer.getvalue())
+
+
+def plain(name: object) -> str:
+    """A name as Matplotlib's text that shows it literally, dollars too."""
+    return str(name).replace("$", r"\$")
 
 
 def look(policy: str) -> Look:
@@ -110,27 +112,20 @@ def look(policy: str) -> Look:
     if policy in LOOKS:
         return LOOKS[policy]
     spare = sum(policy.encode()) % len(SPARE)
-    return Look(policy, SPARE[spare], "-", "dXp*"[spare])
+    return Look(plain(policy), SPARE[spare], "-", "dXp*"[spare])
 
 
-def chosen_policies(results: xr.Dataset, policies: Sequence[str] | None) -> list[str]:
+def chosen_policies(results: xr.Dataset, policies: Sequence[str] | None = None) -> list[str]:
+    """The `policies`, unless they are given the first of the results and greedy.
+
+    Raises ValueError for one that is not in the results.
+    """
     known = [str(name) for name in results["policy"].values]
-    if policies is None:
-        return known
-    missing = [name for name in policies if name not in known]
-    if missing:
-        raise ValueError(f"policies must be among {', '.join(known)}, got {missing[0]!r}")
-    return list(policies)
-
-
-def contenders(results: xr.Dataset) -> list[str]:
-    """The first policy and greedy."""
-    known = chosen_policies(results, None)
-    return [known[0], RIVAL] if known[0] != RIVAL else [RIVAL]
-
-
-def count_cells(results: xr.Dataset, cells: int | None) -> int:
-    return results.sizes["cell"] if cells is None else min(cells, results.sizes["cell"])
+    chosen = list(policies or dict.fromkeys([known[0], RIVAL]))
+    for name in chosen:
+        if name not in known:
+            raise ValueError(f"policies must be among {', '.join(known)}, got {name!r}")
+    return chosen
 
 
 def frame(axes: Axes, *, square: bool = False, narrowest: float = 0.45) -> None:
@@ -155,13 +150,11 @@ def shade(
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     step = max(right - left, top - bottom) / 300
     x, y = np.arange(left, right + step, step), np.arange(bottom, top + step, step)
-    grid = np.stack(np.meshgrid(x, y), axis=-1)
-    edges = (x[0] - step / 2, x[-1] + step / 2, y[0] - step / 2, y[-1] + step / 2)
     image = axes.imshow(
-        quantity(grid),
+        quantity(np.stack(np.meshgrid(x, y), axis=-1)),
         cmap=colours,
         norm=Normalize(*span),
-        extent=edges,
+        extent=(x[0] - step / 2, x[-1] + step / 2, y[0] - step / 2, y[-1] + step / 2),
         origin="lower",
         interpolation="bilinear",
         zorder=-1,
@@ -169,6 +162,16 @@ def shade(
     axes.set(xlim=(left, right), ylim=(bottom, top))
     axes.spines[:].set_visible(True)
     return image
+
+
+def shade_concentration(panels: Sequence[Axes], world: World) -> None:
+    """Shades the panels, all on one scale, by the concentration."""
+    images = [shade(axes, world.field.concentration, DARK_IS_HIGH) for axes in panels]
+    span = min(image.norm.vmin for image in images), max(image.norm.vmax for image in images)
+    for image in images:
+        image.set_clim(*span)
+    shape: dict[str, Any] = {"shrink": 0.75, "aspect": 26, "pad": 0.02}
+    panels[0].figure.colorbar(images[0], ax=list(panels), label="concentration $c$", **shape)
 
 
 def around_egg(axes: Axes, world: World) -> None:
@@ -179,28 +182,8 @@ def around_egg(axes: Axes, world: World) -> None:
         axes.update_datalim([(x - radius, y - radius), (x + radius, y + radius)])
 
 
-def shade_concentration(panels: Sequence[Axes], world: World) -> None:
-    """Shades the panels, all on one scale, by the concentration."""
-    images = [shade(axes, world.field.concentration, DARK_IS_HIGH) for axes in panels]
-    span = min(image.norm.vmin for image in images), max(image.norm.vmax for image in images)
-    for image in images:
-        image.norm.vmin, image.norm.vmax = span
-    bar = panels[0].figure.colorbar(
-        images[0], ax=list(panels), label="concentration $c$", shrink=0.75, aspect=26, pad=0.02
-    )
-    bar.outline.set_linewidth(0.7)
-
-
-def gradient_arrow(axes: Axes) -> None:
-    axes.annotate(
-        r"$\nabla c$",
-        xy=(0.08, 0.99),
-        xytext=(0.08, 0.83),
-        xycoords="axes fraction",
-        ha="center",
-        va="top",
-        arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 1.0, "shrinkB": 0},
-    )
+def mark_start(axes: Axes, results: xr.Dataset, cell: int) -> None:
+    axes.plot(*results["start_position"].isel(cell=cell).values, "o", color=INK, markersize=3, zorder=5)
 
 
 def lettered(axes: Sequence[Axes]) -> None:
@@ -213,26 +196,27 @@ def legend(axes: Axes, policies: Sequence[str], **kwargs: Any) -> None:
     axes.legend(handles, [look(name).label for name in policies], **kwargs)
 
 
+def legend_above(figure: Figure, axes: Axes) -> None:
+    """Every label of the axes once, above the figure."""
+    handles, labels = axes.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    figure.legend(list(unique.values()), list(unique), loc="outside upper right", ncols=len(unique))
+
+
 def label_beside(axes: Axes, marks: Sequence[tuple[float, str, str]]) -> None:
     """Labels right of the axes at given heights, moved apart where they would overlap."""
     low, high = axes.get_ylim()
     lines = 1 + max(text.count("\n") for _, text, _ in marks)
-    height = (0.01 + 0.06 * lines) * (high - low)
-    marks = sorted(marks)
-    transform = axes.get_yaxis_transform()
-    for (value, text, colour), at in zip(marks, _apart([mark[0] for mark in marks], height), strict=True):
+    marks, transform = sorted(marks), axes.get_yaxis_transform()
+    heights = apart([value for value, *_ in marks], (0.01 + 0.06 * lines) * (high - low))
+    for (value, text, colour), at in zip(marks, heights, strict=True):
         axes.plot([1.0, 1.035], [value, at], transform=transform, color=colour, linewidth=0.7, clip_on=False)
         axes.text(1.05, at, text, transform=transform, va="center", color=colour, fontsize=8)
 
 
-def _apart(values: Sequence[float], distance: float) -> list[float]:
-    """Rising values moved as little as possible so that neighbours are `distance` apart."""
-    groups: list[list[float]] = []  # mean of the shifted values, how many
-    for i, value in enumerate(values):
-        groups.append([value - i * distance, 1])
-        while len(groups) > 1 and groups[-2][0] > groups[-1][0]:
-            mean, count = groups.pop()
-            groups[-1][0] = (groups[-1][0] * groups[-1][1] + mean * count) / (groups[-1][1] + count)
-            groups[-1][1] += count
-    shifted = [mean for mean, count in groups for _ in range(int(count))]
-    return [value + i * distance for i, value in enumerate(shifted)]
+def apart(values: Sequence[float], distance: float) -> np.ndarray:
+    """Rising values moved as little as possible (least squares) to lie at least `distance` apart."""
+    from scipy.optimize import isotonic_regression
+
+    steps = distance * np.arange(len(values))
+    return isotonic_regression(np.asarray(values) - steps).x + steps

@@ -1,18 +1,15 @@
-"""Watching a swarm: the field or the flow, the swimmers with their trails, the egg, time and gain."""
+"""Watching a swarm as it goes: what is followed from state to state, and the window that shows it."""
 
 from __future__ import annotations
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 
-from swarm.figures import picture, scene
-from swarm.figures.panel import write_panel
-from swarm.figures.scene import SIZE, TRAIL, Camera, Glance, Segment
-from swarm.figures.window import Window
+from swarm.figures.scene import PANEL, SIZE, TRAIL, Camera, Glance, Scene, Segment
 from swarm.physics.world import State, World
 
-PANEL = 240  # width of the panel beside the square that shows the world [pixels]
 SMALLEST_VIEW = 9.0  # [length]
 EASE = 0.12  # share of the way to where it should be that the camera goes with each decision
 FRAMES = 4  # pictures of a decision in a window
@@ -36,7 +33,7 @@ class Viewer:
         self.trail: deque[Segment] = deque(maxlen=TRAIL)
         self.curve: list[tuple[float, float, float, float]] = []  # time; mean, least and largest gain
         self.camera: Camera | None = None
-        self.seen: tuple[float, float] | None = None  # values over which the colours run
+        self.scene = Scene(self.world)
 
     def follow(self, state: State) -> None:
         """Take in the next state; cells that began a new life leave their trail behind."""
@@ -49,11 +46,9 @@ class Viewer:
             else:
                 self._lengthen(before, glance, moved, begun)
         self.glance = glance
-        gain = glance.gain
-        self.curve.append(
-            (float(glance.time.max()), float(gain.mean()), float(gain.min()), float(gain.max()))
-        )
         self.camera = self._aim(glance)
+        time, gain = glance.time.max(), glance.gain
+        self.curve.append((float(time), float(gain.mean()), float(gain.min()), float(gain.max())))
         if self.window is not None:
             frames = FRAMES if self.trail else 1
             for i in range(frames):
@@ -72,22 +67,7 @@ class Viewer:
         """The picture (720, 960, 3) uint8 at a `share` of the latest decision, 1 being its end."""
         if self.glance is None or self.camera is None:
             raise RuntimeError("follow must be given a state first")
-        world, camera = self.world, self.camera
-        image = np.empty((3, SIZE, SIZE + PANEL), np.float32)
-        image[:] = np.reshape(picture.PAPER, (3, 1, 1))
-        square = image[..., :SIZE]
-        self.seen = scene.paint_water(square, world, camera, self.seen)
-        if world.in_flow:
-            scene.paint_streaks(square, world, camera, self.seen[1])
-        if world.egg is not None:
-            scene.paint_egg(square, world.egg, camera)
-        scene.paint_swimmers(square, self.glance, self.trail, camera, share)
-        scene.write_scale(square, camera)
-        shown = "flow speed" if world.in_flow else "concentration"
-        panel = image[..., SIZE:]
-        write_panel(panel, self.curve, self.glance.finished, shown, self.seen, scene.colours(world))
-        rounded = (255 * np.clip(image, 0, 1) + 0.5).astype(np.uint8)
-        return np.ascontiguousarray(np.moveaxis(rounded, 0, -1))
+        return self.scene.picture(self.camera, self.glance, self.trail, np.array(self.curve), share=share)
 
     def close(self) -> None:
         """Close the window."""
@@ -96,10 +76,9 @@ class Viewer:
 
     def _look(self, state: State) -> Glance:
         world = self.world
-        position = np.asarray(state.position, float)
         gain = world.field.concentration(state.position) - state.start_concentration
         return Glance(
-            position[..., 0] + 1j * position[..., 1],
+            np.asarray(state.position, float) @ [1, 1j],
             np.asarray(world.heading_angle(state), float),
             np.asarray(world.curvature(state), float),
             np.asarray(world.time(state), float),
@@ -110,25 +89,58 @@ class Viewer:
     def _lengthen(self, before: Glance, now: Glance, moved: np.ndarray, begun: np.ndarray) -> None:
         """Add what was swum between two glances to the trails."""
         speed = np.interp(now.curvature, self.world.curvatures, self.world.action_speeds)
-        swum = np.where(moved, speed * (now.time - before.time), 0.0)
-        turn = now.curvature * swum  # but for what flow and noise did to it
-        excess = np.angle(np.exp(1j * (now.angle - before.angle - turn)))
+        turn = now.curvature * speed * np.where(moved, now.time - before.time, 0.0)
+        excess = np.angle(np.exp(1j * (now.angle - before.angle - turn)))  # by flow and noise
         for i, segment in enumerate(self.trail):
             self.trail[i] = segment._replace(seen=segment.seen & ~begun)
-        self.trail.append(
-            Segment(before.position, now.position - before.position, turn + excess, swum, moved)
-        )
+        self.trail.append(Segment(before.position, now.position - before.position, turn + excess, moved))
 
     def _aim(self, glance: Glance) -> Camera:
         """Move the camera towards the cells that are alive, at once where it has not been."""
         places = glance.position if glance.finished.all() else glance.position[~glance.finished]
         x, y = places.real, places.imag
-        centre = (float(x.min() + x.max()) / 2, float(y.min() + y.max()) / 2)
         width = max(1.12 * float(max(np.ptp(x), np.ptp(y))) + 1.0, SMALLEST_VIEW)
+        ideal = Camera(float(x.min() + x.max()) / 2, float(y.min() + y.max()) / 2, width)
         if self.camera is None:
-            return Camera(*centre, width)
-        left, low, now = (
-            old + EASE * (new - old) for old, new in zip(self.camera, (*centre, width), strict=True)
-        )
-        needed = 2 * float(max(np.abs(x - left).max(), np.abs(y - low).max())) + 1.0
-        return Camera(left, low, max(now, needed))
+            return ideal
+        moved = Camera(*(old + EASE * (new - old) for old, new in zip(self.camera, ideal, strict=True)))
+        needed = 2 * float(max(np.abs(x - moved.x).max(), np.abs(y - moved.y).max())) + 1.0
+        return moved._replace(width=max(moved.width, needed))
+
+
+class Window:
+    """Shows pictures of one size on the screen, through pygame.
+
+    Raises ModuleNotFoundError where pygame is missing, OSError where the display cannot be used. Without a
+    display pygame keeps the pictures to itself, and `visible` is False.
+    """
+
+    def __init__(self, width: int, height: int, fps: int) -> None:
+        try:
+            import pygame
+        except ModuleNotFoundError:
+            raise ModuleNotFoundError(
+                'render_mode="human" needs pygame: pip install "chemoswarm[render]"'
+            ) from None
+        self.pygame: Any = pygame
+        try:
+            pygame.display.init()
+            self.surface = pygame.display.set_mode((width, height))
+        except pygame.error as error:
+            raise OSError(f"a window needs a display, got {error}") from None
+        self.visible = pygame.display.get_driver() not in ("dummy", "offscreen")
+        pygame.display.set_caption("chemoswarm")
+        self.clock = pygame.time.Clock()
+        self.fps = fps
+
+    def show(self, image: np.ndarray) -> None:
+        """Show an image (height, width, 3) uint8, not sooner than the frame rate allows."""
+        frame = self.pygame.image.frombuffer(image.tobytes(), image.shape[1::-1], "RGB")
+        self.surface.blit(frame, (0, 0))
+        self.pygame.event.pump()
+        self.pygame.display.flip()
+        self.clock.tick(self.fps)
+
+    def close(self) -> None:
+        """Close it."""
+        self.pygame.display.quit()

@@ -9,12 +9,14 @@ import numpy as np
 
 from swarm._support import files
 from swarm.figures.film import FORMS, check_encoder, check_size, write_film
+from swarm.figures.page import save_page
 from swarm.figures.viewer import Viewer
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import State, World
 from swarm.policies.policy import AnyPolicy
 from swarm.population.contest import population_test
 from swarm.population.evaluation import LEARNT, STRATEGIES, named_policy
+from swarm.population.results import load_population
 from swarm.population.rollout import rollout
 
 PAGE = ".html"
@@ -41,7 +43,7 @@ def check_target(out: Path | None, size: int | None = None) -> None:
 
 
 def states(world: World, policy: AnyPolicy, cells: int, seed: int) -> Iterator[State]:
-    """One population's life, decision by decision, with the random numbers of `population_test`."""
+    """One population's lives, decision by decision, with the random numbers of `population_test`."""
     return (moment.state for moment in rollout(world, policy, draw_starts(world, cells, seed), seed))
 
 
@@ -65,26 +67,23 @@ def watch(
     player = named_policy(policy, world)
     suffix = "" if out is None else out.suffix.lower()
     if out is not None and suffix == PAGE:
-        from swarm.figures.page import save_page
-
         label = policy if policy in STRATEGIES else LEARNT
         quick = not world.in_flow  # the limit in a flow takes a minute or more
         lives = population_test(world, {label: player}, cells=cells, life=world.life, seed=seed, limit=quick)
         save_page(lives, out, title=policy)
         return
     viewer = Viewer(world, window=out is None, fps=WINDOW_FPS)
-    followed = _followed(viewer, world, player, cells, seed, FORMS[suffix].frames if out else 1, progress)
+    lived = states(world, player, cells, seed)
+    followed = _followed(viewer, lived, FORMS[suffix].frames if out else 1, progress)
     try:
-        if out is None:
-            if viewer.window is None or not viewer.window.visible:
-                raise OSError(
-                    "a window needs a display, and there is none: --out FILE makes a film or a page"
-                )
-            for _ in followed:
-                pass
-        else:
+        if out is not None:
             with files.replacing(out) as temporary:
                 write_film(temporary, suffix, followed, check_size(size, suffix))
+        elif viewer.window is None or not viewer.window.visible:
+            raise OSError("a window needs a display, and there is none: --out FILE makes a film or a page")
+        else:
+            for _ in followed:
+                pass
     finally:
         viewer.close()
 
@@ -94,9 +93,6 @@ def save_page_of(population: Path, out: Path | None, *, cells: int | None = None
 
     Raises ResultsError for a file that holds none, ValueError for an `out` that is no page.
     """
-    from swarm.figures.page import save_page
-    from swarm.population.results import load_population
-
     if out is None or out.suffix.lower() != PAGE:
         raise ValueError(f"a stored population is watched on a page: out must end in {PAGE}, got {out}")
     check_target(out)
@@ -104,18 +100,12 @@ def save_page_of(population: Path, out: Path | None, *, cells: int | None = None
 
 
 def _followed(
-    viewer: Viewer,
-    world: World,
-    policy: AnyPolicy,
-    cells: int,
-    seed: int,
-    frames: int,
-    progress: Callable[[int, int], None] | None,
+    viewer: Viewer, lived: Iterator[State], frames: int, progress: Callable[[int, int], None] | None
 ) -> Iterator[np.ndarray]:
-    """Pictures of the life, `frames` for each decision."""
-    for done, state in enumerate(states(world, policy, cells, seed)):
+    """Pictures of the lives, `frames` for each decision; none where a window shows them."""
+    for done, state in enumerate(lived):
         viewer.follow(state)
         if viewer.window is None:
             yield from (viewer.picture((i + 1) / frames) for i in range(frames if done else 1))
         if progress is not None:
-            progress(done, world.max_decisions)
+            progress(done, viewer.world.max_decisions)

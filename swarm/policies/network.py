@@ -193,7 +193,9 @@ def _read(path: Path, source: str) -> Network:
         weights, biases = ([layers[f"layers.{i}.{part}"] for i in sizes] for part in ("weight", "bias"))
         return Network(weights, biases, card)
     except FileNotFoundError:
-        reason = "it is not there"
+        raise PolicyError(
+            f"{source} must be a policy file or a folder with a {POLICY_FILE}: it is not there"
+        ) from None
     except OSError as error:
         reason = f"it cannot be read: {error.strerror}"
     except ValueError as error:
@@ -209,9 +211,8 @@ def _load_from_zoo(name: str) -> Network:
         check_name("shipped policy", name, names)
     except ValueError as error:
         raise PolicyError(str(error)) from None
-    file = resources.files("swarm") / "zoo" / f"{name}.safetensors"
-    with resources.as_file(file) as path:
-        return _read(path, ZOO + name)
+    path = Path(str(resources.files("swarm") / "zoo" / f"{name}.safetensors"))
+    return _read(path, ZOO + name)
 
 
 def _layer(name: str, array: Any) -> np.ndarray:

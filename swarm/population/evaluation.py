@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,7 +23,12 @@ from swarm.population.statistics import statistics
 if TYPE_CHECKING:
     import xarray as xr
 
-STRATEGIES = ("greedy", "optimal", "random", "swinging")
+STRATEGIES: dict[Any, Callable[[World], AnyPolicy]] = {
+    "greedy": lambda world: Greedy(),
+    "optimal": Optimal,
+    "random": lambda world: Random(),
+    "swinging": lambda world: Swinging(),
+}
 LEARNT = "dqn"  # what a trained policy is called in results
 NUMBERS = ("mean", "std", "min", "max", "ci95", "fraction_of_limit")
 
@@ -43,11 +49,8 @@ def named_policy(name: str | os.PathLike, world: World) -> AnyPolicy:
     Raises PolicyError where there is no such policy, suggesting the nearest name, or where it does not fit
     the world.
     """
-    if name == "optimal":
-        return Optimal(world)
-    devised: dict[Any, AnyPolicy] = {"greedy": Greedy(), "swinging": Swinging(), "random": Random()}
-    if name in devised:
-        return devised[name]
+    if name in STRATEGIES:
+        return STRATEGIES[name](world)
     if isinstance(name, str) and not name.startswith(ZOO) and not Path(name).exists():
         near = difflib.get_close_matches(name, STRATEGIES, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+
+from trainers.settings.composition import settings_from
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "own_field.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
@@ -19,6 +22,12 @@ def test_every_block_of_the_page_runs(tmp_path, monkeypatch, capsys):
     names = {}
     for block in BLOCKS:
         exec(compile(block, str(PAGE), "exec"), names)
+    command = re.search(
+        r"```shell\n(swarm train .*?)\nswarm evaluate", PAGE.read_text(encoding="utf-8"), re.S
+    )
+    words = shlex.split(command[1].replace("\\\n", ""))
+    made = settings_from([word for word in words[2:] if not word.startswith("hydra.")])
+    assert made.world["field"]["shape"] == made.world["flow"]["shape"] == [81, 41]
     assert (tmp_path / "my_field.png").stat().st_size > 10_000
     shown = capsys.readouterr().out
     assert "GriddedField(81 × 41 points" in shown

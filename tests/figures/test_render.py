@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import copy
 import importlib.util
+from time import perf_counter
 
+import matplotlib
 import numpy as np
 import pytest
 
 import swarm
 from swarm.envs.gymnasium import SpermSwarmVector
-from swarm.figures import picture, scene
-from swarm.figures.scene import SIZE, Camera, Glance, Segment
+from swarm.figures.scene import PLUM, SEA, SIZE, TRAIL, Camera, Glance, Scene, Segment, nice_step
 from swarm.figures.viewer import Viewer
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.collocation import swim
+from tests.figures import HOSTILE
 
 WORLDS = {
     "linear": {},
@@ -39,21 +41,24 @@ def square_of(image):
     return image[:, :SIZE].astype(int)
 
 
+def pixel(env, place):
+    """Column and row of a complex place."""
+    return env._viewer.camera.pixels(np.array(place)).round().astype(int)
+
+
 # --- the environments ---
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_rgb_array_is_a_picture(name):
-    image = begun(**WORLDS[name]).render()
+def test_a_picture_depends_on_nothing_but_what_happened(name):
+    first, second = begun(**WORLDS[name]), begun(**WORLDS[name])
+    image = first.render()
     assert image.shape == (720, 960, 3)
     assert image.dtype == np.uint8
     assert len(np.unique(image.reshape(-1, 3), axis=0)) > 1000
-
-
-def test_a_picture_depends_on_nothing_but_what_happened():
-    first, second = begun(), begun()
-    np.testing.assert_array_equal(first.render(), second.render())
-    np.testing.assert_array_equal(first.render(), second.render())
+    np.testing.assert_array_equal(first.render(), image)
+    with matplotlib.rc_context(HOSTILE):
+        np.testing.assert_array_equal(second.render(), image)
 
 
 def test_pictures_differ_from_step_to_step_and_after_a_reset():
@@ -67,17 +72,15 @@ def test_pictures_differ_from_step_to_step_and_after_a_reset():
 
 
 def test_rendering_changes_nothing():
-    seen, unseen = begun(), swarm.parallel_env(4)
-    unseen.reset(seed=0)
-    for _ in range(3):
-        unseen.step(dict.fromkeys(unseen.agents, 1))
-    seen.render()
-    np.testing.assert_array_equal(seen.state(), unseen.state())
+    before, env = dict(matplotlib.rcParams), begun()
+    state = env.state()
+    env.render()
+    np.testing.assert_array_equal(env.state(), state)
+    assert dict(matplotlib.rcParams) == before
 
 
 def test_a_copy_without_the_past_can_be_rendered():
-    twin = copy.deepcopy(begun())
-    assert twin.render().shape == (720, 960, 3)
+    assert copy.deepcopy(begun()).render().shape == (720, 960, 3)
 
 
 def test_without_a_render_mode_a_warning_says_how_to_get_a_picture():
@@ -142,21 +145,6 @@ def test_a_missing_pygame_is_told_with_the_remedy(monkeypatch):
 # --- what is where ---
 
 
-def brightest(image):
-    """Pixels (column, row) of the middle of the white that heads are painted with."""
-    rows, columns = np.nonzero((square_of(image) > 240).all(axis=-1))
-    keep = (rows < 640) | (columns > 200)  # not the scale
-    return columns[keep].mean(), rows[keep].mean()
-
-
-def test_a_swimmer_is_where_the_camera_sees_its_position():
-    env = begun(steps=0, n_swimmers=1)
-    camera = env._viewer.camera
-    x, y = env.state()[0, :2]
-    assert camera.pixels(np.array(complex(x, y))) == pytest.approx((SIZE - 1) / 2)
-    assert brightest(env.render()) == pytest.approx((359.5, 359.5), abs=1.0)
-
-
 def test_up_is_up_and_right_is_right():
     camera = Camera(2.0, 3.0, 9.0)
     right, up = camera.pixels(np.array([3.0 + 3.0j, 2.0 + 4.0j])) - camera.pixels(np.array(2 + 3j))
@@ -164,16 +152,40 @@ def test_up_is_up_and_right_is_right():
     np.testing.assert_allclose(up, (0, -80))
 
 
+@pytest.mark.parametrize("place", [0j, 2 + 1j, -3 - 2j])
+def test_a_head_lies_where_the_camera_sees_it_and_points_where_it_swims(place):
+    at, one = np.full(1, place), np.ones(1)
+    glance = Glance(at, np.pi / 4 * one, one, one, one, one < 0)
+    scene, curve = Scene(swarm.World()), np.zeros((1, 4))
+    image = square_of(scene.picture(Camera(0.0, 0.0, 9.0), glance, [], curve))
+    rows, columns = np.nonzero((image > 240).all(axis=-1))
+    seen = rows < 640  # not the scale
+    column, row = Camera(0.0, 0.0, 9.0).pixels(np.array(place))
+    assert (columns[seen].mean(), rows[seen].mean()) == pytest.approx((column, row), abs=0.5)
+    rising = np.corrcoef(columns[seen], -rows[seen])[0, 1]
+    assert rising > 0.3
+
+
 def test_brighter_water_holds_more():
-    """In a linear field brightness grows upwards."""
+    """In a linear field brightness grows upwards; strong lines are five levels apart."""
     image = square_of(begun(steps=0, n_swimmers=1).render())
     rows = image[:, 600:].sum(axis=(1, 2))
     assert rows[0] > rows[200] > rows[500] > rows[-1]
+    raised = rows[1:-1] - (rows[:-2] + rows[2:]) / 2
+    lines = np.flatnonzero(raised > 2500)
+    assert len(lines) > 5
+    assert np.ptp(np.diff(lines)) <= 1
+    assert np.ptp(np.diff(np.flatnonzero(raised > 0.7 * raised.max()))) <= 5
+
+
+@pytest.mark.parametrize("colours", [SEA, PLUM])
+def test_colours_of_the_water_can_be_read_without_colours(colours):
+    assert (np.diff(colours(np.linspace(0, 1, 50))[:, :3] @ (0.2126, 0.7152, 0.0722)) > 0).all()
 
 
 def test_the_egg_is_drawn_where_it_is():
     env = begun(steps=0, n_swimmers=1, field="radial", start_box=((2, 2), (0, 0)))
-    column, row = env._viewer.camera.pixels(np.array(0j)).round().astype(int)
+    column, row = pixel(env, 0j)
     image = square_of(env.render())
     egg, water = image[row, column], image[row, column + 200]
     assert egg[0] > egg[2] > 100  # warm
@@ -186,8 +198,7 @@ def test_water_beyond_the_known_is_dark():
             return position[..., 0] < 5.0
 
     env = begun(steps=0, n_swimmers=1, field=Field(), start_box=((4, 4), (0, 0)))
-    image = square_of(env.render())
-    edge = int(env._viewer.camera.pixels(np.array(5 + 0j))[0])
+    image, (edge, _) = square_of(env.render()), pixel(env, 5 + 0j)
     assert image[100, : edge - 10].mean() > 2 * image[100, edge + 10 :].mean()
 
 
@@ -199,31 +210,17 @@ def test_the_camera_keeps_all_living_swimmers_in_view():
         env.step(dict.fromkeys(env.agents, 1))
 
 
-def test_a_trail_shows_where_the_swimmer_came_from():
-    env = begun(steps=8, n_swimmers=1)
-    old = begun(steps=0, n_swimmers=1)
-    places = []
-    for _ in range(8):
-        places.append(complex(*old.state()[0, :2]))
-        old.step({"swimmer_0": 1})
-    image = square_of(env.render())
-    pixels = env._viewer.camera.pixels(np.array(places[2:])).round().astype(int)
-    for column, row in pixels:
-        near = image[row - 1 : row + 2, column - 1 : column + 2].reshape(-1, 3)
-        away = image[row, 700]
-        assert (near[:, 0] - away[0]).max() > 20  # the trail is warm, the water is not
-
-
-def test_a_trail_fades():
-    env = begun(steps=scene.TRAIL, n_swimmers=1)
-    trail = env._viewer.trail
-    pixels = [env._viewer.camera.pixels(segment.start).round().astype(int)[0] for segment in trail]
-    image = square_of(env.render())
-    water = image[:, 700, 0]
-    warmth = [
-        image[row - 1 : row + 2, column - 1 : column + 2, 0].max() - water[row] for column, row in pixels
-    ]
-    assert max(warmth[:5]) < max(warmth[-8:-3])
+def test_a_trail_shows_where_the_swimmer_came_from_and_fades():
+    env = begun(steps=0, n_swimmers=1)
+    for decision in range(TRAIL):  # circles that drift
+        env.step({"swimmer_0": decision // 2 % 2})
+    image, warmth = square_of(env.render()), []
+    for segment in env._viewer.trail:
+        column, row = pixel(env, segment.start[0])
+        near = image[row - 1 : row + 2, column - 1 : column + 2, 0]
+        warmth.append(near.max() - image[row, 700, 0])  # the trail is warm, the water is not
+    assert min(warmth[-8:-2]) > 100
+    assert 3 < np.mean(warmth[:6]) < 0.5 * np.mean(warmth[-8:-2])
 
 
 def test_a_new_life_leaves_its_trail_behind():
@@ -232,9 +229,8 @@ def test_a_new_life_leaves_its_trail_behind():
     for _ in range(4):
         env.step(np.ones(2, int))
     env.reset(options={"reset_mask": np.array([True, False])})
-    for segment in env._viewer.trail:
-        assert not segment.seen[0]
-    assert [bool(segment.seen[1]) for segment in env._viewer.trail] == [True] * 4 + [False]
+    assert [segment.seen.tolist() for segment in env._viewer.trail] == [[False, True]] * 4 + [[False] * 2]
+    assert np.isnan(env._viewer.trail[0].places(np.ones(1))[0]).all()
     env.reset()
     assert not env._viewer.trail
 
@@ -246,9 +242,7 @@ def test_trails_follow_the_arcs_that_were_swum(turn):
     kappa, one = np.array([turn / length]), np.ones(1)
     share = np.array([0.0, 0.2, 0.5, 1.0])
     places = [swim(start, kappa, one, one * length * part).position[0] @ [1, 1j] for part in share]
-    segment = Segment(
-        np.array([places[0]]), np.array([places[-1] - places[0]]), np.array([turn]), one, one > 0
-    )
+    segment = Segment(np.array([places[0]]), np.array([places[-1] - places[0]]), np.array([turn]), one > 0)
     np.testing.assert_allclose(segment.places(share)[0], places, atol=1e-7)
 
 
@@ -256,11 +250,8 @@ def test_trails_follow_the_arcs_that_were_swum(turn):
 def test_pictures_between_two_states_lead_from_one_to_the_other(name):
     env = begun(steps=2, n_swimmers=1, **WORLDS[name])
     viewer = env._viewer
-    segment = viewer.trail[-1]
-    ends = segment.places(np.array([0.0, 1.0]))[0]
-    np.testing.assert_allclose(ends[1], env.state()[0, :2] @ [1, 1j], atol=1e-6)
-    turned = env.state()[0, 2] - segment.turn[0]
-    assert np.isfinite(turned)
+    end = viewer.trail[-1].places(np.ones(1))[0]
+    np.testing.assert_allclose(end, env.state()[0, :2] @ [1, 1j], atol=1e-6)
     first, middle, last = (viewer.picture(share) for share in (0.05, 0.5, 1.0))
     assert len({image.tobytes() for image in (first, middle, last)}) == 3
     np.testing.assert_array_equal(last, env.render())
@@ -272,8 +263,6 @@ def test_a_viewer_draws_nothing_before_it_has_seen_something():
 
 
 def test_many_swimmers_are_drawn_in_reasonable_time():
-    from time import perf_counter
-
     env = begun(steps=5, n_swimmers=1000)
     times = []
     for _ in range(3):
@@ -283,51 +272,8 @@ def test_many_swimmers_are_drawn_in_reasonable_time():
     assert min(times) < 3.0
 
 
-# --- the brushes ---
-
-
-def test_colours_run_from_low_to_high():
-    image = picture.coloured(np.array([[-1.0, 0.0, 0.5, 1.0, 2.0]]), 0.0, 1.0, ("#000000", "#ffffff"))
-    np.testing.assert_allclose(image[0, 0], [0, 0, 127 / 255, 1, 1])
-
-
-def test_paint_covers_as_much_as_it_is_opaque():
-    image = np.zeros((3, 1, 3), np.float32)
-    picture.lay(image, (1.0, 0.5, 0.0), np.array([[0.0, 0.5, 1.0]]))
-    np.testing.assert_allclose(image[:, 0], [[0, 0.5, 1], [0, 0.25, 0.5], [0, 0, 0]])
-
-
 @pytest.mark.parametrize(
     ("span", "step"), [(1.0, 1.0), (1.9, 1.0), (2.0, 2.0), (4.9, 2.0), (0.051, 0.05), (730, 500)]
 )
 def test_steps_are_round_numbers(span, step):
-    assert picture.nice_step(span) == pytest.approx(step)
-
-
-def test_contours_lie_on_whole_multiples():
-    values = np.broadcast_to(np.linspace(0, 4, 401, dtype=np.float32), (50, 401))
-    lines = picture.contours(values, 1.0)
-    assert set(np.flatnonzero(lines[20] > 0.05)) == {0, 100, 200, 300, 400}
-
-
-def test_strokes_outside_the_picture_are_left_out():
-    places = np.array([[-5.0, 10.0], [10.0, 500.0], [10.0, 10.0]])
-    coverage = picture.strokes(places, np.ones(3), 32)
-    assert coverage[10, 10] == coverage.max()
-    assert coverage[:, 20:].max() == 0
-
-
-def test_ellipses_point_along_their_angle():
-    coverage = picture.ellipses(np.array([[16.0, 16.0]]), np.array([np.pi / 4]), 8.0, 3.0, 33)
-    assert coverage[20, 20] == 1  # to the right and down, as angles turn on a picture
-    assert coverage[12, 20] == 0
-
-
-def test_a_swimmer_heads_where_its_ellipse_points():
-    square = np.zeros((3, SIZE, SIZE), np.float32)
-    one = np.ones(1)
-    glance = Glance(np.zeros(1, complex), one * np.pi / 4, one, one, one, one < 0)
-    scene.paint_swimmers(square, glance, [], Camera(0.0, 0.0, 9.0), 1.0)
-    image = np.round(square[0])
-    assert image[356, 363] == 1  # up and to the right
-    assert image[363, 363] == 0
+    assert nice_step(span) == pytest.approx(step)

@@ -151,7 +151,7 @@ def test_one_of_a_newer_version_is_refused_not_called_damaged(tmp_path, monkeypa
     save(tmp_path, 1)
     monkeypatch.undo()
     with pytest.raises(
-        CheckpointError, match=r"must have format 1, .* got 2: go on with the version that wrote it"
+        CheckpointError, match=r"must have format 2, .* got 3: go on with the version that wrote it"
     ):
         read_newest(tmp_path, SETTINGS)
 

@@ -35,6 +35,7 @@ WRONG = {  # for a key of each type: of another type, of the wrong sign, size
     str: ["no such thing", "", 5, None, ["linear"], {}],
     list: ["abc", 3, [], ["abc"], [-1, 2], [float("nan"), 1], None, {}, [[1], [2]]],
 }
+# what only looks wrong
 RIGHT = [
     ("evaluation.field", None),
     ("world.sensor", None),

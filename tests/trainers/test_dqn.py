@@ -1,333 +1,298 @@
-"""Deep Q-learning: the loss against TorchRL's, replay, target networks, stacks of seeds."""
+"""Deep Q-learning: lean parts against TorchRL's own, returns, stacks of seeds, compiled updates."""
 
 from __future__ import annotations
 
-import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
-from torchrl.data import Categorical
+from torchrl.data import Categorical, MultiStep
 from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, SoftUpdate
 
-from trainers.algorithms.dqn import Learner, dqn_loss
-from trainers.algorithms.q_network import QNetwork
-from trainers.algorithms.transitions import Transitions
-from trainers.settings.schema import LearningSettings
+from swarm.torchrl_env import SwarmEnv
+from tests.short_runs import short_settings
+from tests.trainers.test_networks import network, stock
+from tests.trainers.test_replay import transitions
+from trainers.algorithms.dqn import DQN, FusedSoftUpdate, SeedDQNLoss, q_error, returns
+from trainers.algorithms.networks import SeedLinear
 
-SIZES = (8, 24, 24, 2)
-ROWS = 64
-DISCOUNT = 0.98
-
-
-def network(seeds, first=0):
-    return QNetwork.create(SIZES, [torch.Generator().manual_seed(first + seed) for seed in range(seeds)])
+SIZES, DISCOUNT = (8, 24, 24, 2), 0.98
+KINDS = {"squared": "l2", "huber": "smooth_l1"}
 
 
-def batch(seeds=1, rows=ROWS, draw=0):
-    """Transitions (seeds, rows): some terminated, all valid."""
-    generator = torch.Generator().manual_seed(draw)
-    shape = (seeds, rows)
-    return Transitions(
-        observation=torch.randn(*shape, 8, generator=generator),
-        next_observation=torch.randn(*shape, 8, generator=generator),
-        action=torch.randint(2, shape, generator=generator),
-        reward=2 * torch.randn(shape, generator=generator),
-        bootstrap=DISCOUNT * (torch.rand(shape, generator=generator) >= 0.2),
-        valid=torch.ones(shape),
+def loss_of(seeds=1, *, double=True, delay_value=True, kind="huber"):
+    """A loss whose target network differs from the online one where there are two."""
+    made = SeedDQNLoss(
+        network(SIZES, seeds),
+        delay_value=delay_value,
+        gamma=DISCOUNT,
+        double=double,
+        loss_function=KINDS[kind],
     )
-
-
-def part(data, *key):
-    """A part of every tensor of the transitions."""
-    return Transitions(*(values[key] for values in data))
-
-
-def torch_module(net):
-    """The same network as a module of torch's own layers."""
-    layers = []
-    for weight, bias in zip(net.weights, net.biases, strict=True):
-        layer = torch.nn.Linear(weight.shape[1], weight.shape[2])
-        layer.weight.data = weight[0].T.clone()
-        layer.bias.data = bias[0, 0].clone()
-        layers += [layer, torch.nn.Tanh()]
-    return torch.nn.Sequential(*layers[:-1])
-
-
-def torchrl_loss(online, target, data, *, double, kind, truncated):
-    """Loss and gradient by torchrl.objectives.DQNLoss."""
-    module = torch_module(online)
-    actor = QValueActor(module, spec=Categorical(2), in_keys=["observation"], action_space="categorical")
-    loss = DQNLoss(
-        actor,
-        action_space="categorical",
-        loss_function={"huber": "smooth_l1", "squared": "l2"}[kind],
-        delay_value=True,
-        double_dqn=double,
-    )
-    loss.make_value_estimator(gamma=DISCOUNT)
-    SoftUpdate(loss, eps=0.5)  # without one, TorchRL warns
-    for name, parameter in leaves(loss.target_value_network_params):
-        parameter.data.copy_(dict(torch_module(target).named_parameters())[name])
-    row = part(data, 0)
-    terminated = row.bootstrap[:, None] == 0
-    stock = TensorDict(
-        {
-            "observation": row.observation,
-            "action": row.action,
-            "next": {
-                "observation": row.next_observation,
-                "reward": row.reward[:, None],
-                "terminated": terminated,
-                "done": terminated | truncated[:, None],
-            },
-        },
-        batch_size=row.reward.shape,
-    )
-    value = loss(stock)["loss"]
-    value.backward()
-    slopes = {name: parameter.grad for name, parameter in leaves(loss.value_network_params)}
-    places = range(0, 2 * len(online.weights), 2)
-    pairs = [(slopes[f"{place}.weight"].T.flatten(), slopes[f"{place}.bias"]) for place in places]
-    return value.detach(), torch.cat([slope for pair in pairs for slope in pair])
-
-
-def leaves(parameters):
-    """("0.weight", tensor) … of TorchRL's nested parameters."""
-    for key, value in parameters.items(include_nested=True, leaves_only=True):
-        yield ".".join(key[-2:]), value
-
-
-@pytest.mark.parametrize("kind", ["squared", "huber"])
-@pytest.mark.parametrize("double", [False, True])
-def test_loss_and_gradient_are_those_of_torchrl(kind, double):
-    data, online, target = batch(), network(1), network(1, first=10)
-    truncated = torch.rand(ROWS, generator=torch.Generator().manual_seed(5)) < 0.3
-    expected, gradient = torchrl_loss(online, target, data, double=double, kind=kind, truncated=truncated)
-    outcome = dqn_loss(online, target, data, double=double, kind=kind)
-    assert outcome.loss[0] == pytest.approx(float(expected), rel=1e-5)
-    assert torch.allclose(outcome.gradient[0], gradient, rtol=1e-4, atol=1e-6)
-
-
-def test_targets_bootstrap_unless_terminated():
-    online = network(1)
-    data = part(batch(), slice(None), slice(1))
-    data.bootstrap[:] = DISCOUNT
-    following = online.values(data.next_observation).amax(-1)
-    value = online.values(data.observation)[0, 0, data.action[0, 0]]
-    reward = data.reward
-    for ended, goal in ((False, reward + DISCOUNT * following), (True, reward)):
-        data.bootstrap[:] = 0.0 if ended else DISCOUNT
-        outcome = dqn_loss(online, online, data, double=False, kind="squared")
-        assert outcome.loss[0] == pytest.approx(float((value - goal) ** 2), rel=1e-5)
-
-
-def test_double_dqn_values_with_the_target_what_the_online_network_chooses():
-    online, target, data = network(1), network(1, first=3), part(batch(), slice(None), slice(1))
-    data.bootstrap[:] = DISCOUNT
-    choice = online.values(data.next_observation).argmax(-1)[0, 0]
-    goal = data.reward + DISCOUNT * target.values(data.next_observation)[..., choice]
-    value = online.values(data.observation)[0, 0, data.action[0, 0]]
-    outcome = dqn_loss(online, target, data, double=True, kind="squared")
-    assert outcome.loss[0] == pytest.approx(float((value - goal) ** 2), rel=1e-5)
-
-
-@pytest.mark.parametrize("kind", ["squared", "huber"])
-def test_rows_that_are_not_valid_count_for_nothing(kind):
-    online, target, data = network(2), network(2, first=7), batch(2)
-    whole = dqn_loss(online, target, part(data, slice(None), slice(40)), double=True, kind=kind)
-    data.valid[:, 40:] = 0
-    data.reward[:, 40:] = 1e6
-    masked = dqn_loss(online, target, data, double=True, kind=kind)
-    for name in ("loss", "value", "gradient"):
-        assert torch.allclose(getattr(whole, name), getattr(masked, name), rtol=1e-5, atol=1e-6)
-    data.valid[:] = 0
-    nothing = dqn_loss(online, target, data, double=True, kind=kind)
-    assert not nothing.loss.any()
-    assert not nothing.gradient.any()
-
-
-def test_seeds_in_a_stack_do_not_mix():
-    online, target, data = network(3), network(3, first=20), batch(3)
-    stacked = dqn_loss(online, target, data, double=True, kind="huber")
-    for seed in range(3):
-        alone = dqn_loss(
-            QNetwork(online.flat[seed : seed + 1], SIZES),
-            QNetwork(target.flat[seed : seed + 1], SIZES),
-            part(data, slice(seed, seed + 1)),
-            double=True,
-            kind="huber",
-        )
-        assert torch.allclose(alone.gradient[0], stacked.gradient[seed], rtol=1e-5, atol=1e-7)
-
-
-# --- replay -------------------------------------------------------------------------------------------------
-
-
-def test_replay_draws_every_row_equally_often():
-    made = Learner(8, 2, settings_of(buffer_size=50), [1, 2])
-    numbered = transitions(50, 2)._replace(reward=torch.arange(50.0)[:, None].expand(50, 2))
-    made.remember(numbered.packed())
-    made.begin(0)
-    drawn = made.sample(20_000)
-    for rows in drawn.reward:
-        counts = torch.bincount(rows.long(), minlength=50)
-        chi_square = ((counts - 400) ** 2 / 400).sum()
-        assert chi_square < 85.4  # 0.999 quantile with 49 degrees of freedom
-
-
-def test_every_seed_draws_rows_of_its_own():
-    made = learner((1, 2))
-    made.begin(0)
-    held, drawn = Transitions.unpacked(made.buffer[:]), made.sample(30)
-    for seed in range(2):
-        mine = set(held.reward[:, seed].tolist())
-        assert set(drawn.reward[seed].tolist()) <= mine
-        assert not set(drawn.reward[1 - seed].tolist()) & mine
-
-
-def test_draws_are_named_by_the_epoch():
-    one, other = learner((1,)), learner((1,))
-    one.begin(0)
-    first = one.sample(30)
-    for each in (one, other):
-        each.begin(1)
-    assert torch.equal(one.sample(30).reward, other.sample(30).reward)
-    one.begin(0)
-    again = one.sample(30)
-    assert torch.equal(first.reward, again.reward)
-    assert not torch.equal(first.reward, other.sample(30).reward)
-
-
-@pytest.mark.parametrize("shape", [(), (5,), (3, 2)])
-def test_transitions_come_out_of_their_rows_as_they_went_in(shape):
-    generator = torch.Generator().manual_seed(0)
-    made = Transitions(
-        torch.randn(*shape, 20, generator=generator),
-        torch.randn(*shape, 20, generator=generator),
-        torch.randint(1000, shape, generator=generator),
-        torch.randn(shape, generator=generator),
-        torch.rand(shape, generator=generator),
-        torch.ones(shape),
-    )
-    for before, after in zip(made, Transitions.unpacked(made.packed()), strict=True):
-        assert torch.equal(before, after)
-        assert before.dtype == after.dtype
-
-
-def settings_of(**changes):
-    defaults = LearningSettings(batch_size=16, buffer_size=60, updates=2, hidden=[12, 12], learning_rate=0.01)
-    return dataclasses.replace(defaults, **changes)
-
-
-def transitions(rows, seeds, draw=0):
-    return Transitions(*(values.transpose(0, 1) for values in batch(seeds, rows, draw)))
-
-
-def learner(seeds=(0, 1, 2), **changes):
-    made = Learner(8, 2, settings_of(**changes), list(seeds))
-    made.remember(transitions(40, len(seeds)).packed())
+    if delay_value:
+        FusedSoftUpdate(made, tau=0.1)  # without one, TorchRL warns
+        made.target_network.load_state_dict(network(SIZES, seeds, first=30).state_dict())
     return made
 
 
-def test_the_buffer_keeps_the_newest_transitions():
-    made = learner((0,), buffer_size=60)
-    newest = transitions(50, 1, draw=1)
-    made.remember(newest.packed())
-    assert len(made.buffer) == 60
-    held = Transitions.unpacked(made.buffer[:]).reward
-    assert torch.equal(held[40:60, 0], newest.reward[:20, 0])
-    assert torch.equal(held[:30, 0], newest.reward[20:, 0])
+def actor_of(module):
+    """TorchRL's actor around a network."""
+    return QValueActor(module, spec=Categorical(2), in_keys=["observation"], action_space="categorical")
 
 
-def test_a_rollout_longer_than_the_buffer_leaves_its_newest_rows():
-    made = learner((0,), buffer_size=7)
-    long = transitions(40, 1, draw=1)
-    made.remember(long.packed())
-    held = Transitions.unpacked(made.buffer[:]).reward
-    assert sorted(held[:, 0].tolist()) == sorted(long.reward[-7:, 0].tolist())
+def slopes(module):
+    """Gradients of every tensor of a network, as (inputs, outputs) and (outputs,)."""
+    for layer in module:
+        if isinstance(layer, SeedLinear):
+            yield from (layer.weight.grad[0], layer.bias.grad[0, 0])
+        elif isinstance(layer, torch.nn.Linear):
+            yield from (layer.weight.grad.T, layer.bias.grad)
 
 
-@pytest.mark.parametrize("more", [0, 50])
-def test_a_refilled_buffer_goes_on_where_it_was(more):
-    before, after = learner(), learner()
-    if more:
-        before.remember(transitions(more, 3, draw=2).packed())
-    after.refill(before.buffer[:].clone(), before.buffer.writer.state_dict()["_cursor"])
-    for each in (before, after):
-        each.remember(transitions(9, 3, draw=3).packed())
-    assert len(before.buffer) == len(after.buffer)
-    assert torch.equal(before.buffer[:], after.buffer[:])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("double", "delay_value"), [(False, False), (False, True), (True, True)])
+def test_loss_and_gradient_are_those_of_torchrl(kind, double, delay_value):
+    """With terminations, truncations, returns over several decisions, and cells that were not alive."""
+    ours, batch = loss_of(double=double, delay_value=delay_value, kind=kind), transitions(1, 64)
+    module = stock(ours.value_network, 0)
+    theirs = DQNLoss(
+        actor_of(module),
+        action_space="categorical",
+        loss_function=KINDS[kind],
+        delay_value=delay_value,
+        double_dqn=double,
+    )
+    theirs.make_value_estimator(gamma=DISCOUNT)
+    if delay_value:
+        SoftUpdate(theirs, eps=0.5)  # without one, TorchRL warns
+        target = TensorDict.from_module(actor_of(stock(ours.target_network, 0)))
+        theirs.target_value_network_params.data.update_(target.data)
+    truncated = torch.rand(64, 1, generator=torch.Generator().manual_seed(5)) < 0.3
+    row = TensorDict(batch, (1, 64))[0]
+    row["next", "done"] = row["next", "terminated"] | truncated
+    expected, found = theirs(row)["loss"], ours(batch)
+    assert found["loss"].item() == pytest.approx(expected.item(), rel=1e-5)
+    expected.backward()
+    found["loss"].sum().backward()
+    for one, other in zip(slopes(ours.value_network), slopes(module), strict=True):
+        assert torch.allclose(one, other, rtol=1e-4, atol=1e-6)
+    chosen = module(batch["observation"][0]).gather(-1, batch["action"][0, :, None])[
+        batch["collector", "mask"][0]
+    ]
+    assert found["chosen_action_value"].item() == pytest.approx(chosen.mean().item(), rel=1e-5)
+
+
+def test_cells_that_were_not_alive_count_for_nothing():
+    ours, batch = loss_of(2), transitions(2, 64)
+    whole = ours(
+        {key: value[:, :40] for key, value in batch.items()} | {("collector", "mask"): torch.ones(2, 40) > 0}
+    )
+    batch["collector", "mask"] = torch.arange(64).expand(2, 64) < 40
+    batch["next", "reward"][:, 40:] = torch.inf
+    masked = ours(batch)
+    assert torch.allclose(whole["loss"], masked["loss"], rtol=1e-5)
+    batch["collector", "mask"] = torch.zeros(2, 64) > 0
+    nothing = ours(batch)["loss"]
+    nothing.sum().backward()
+    assert not nothing.any()
+    assert not any(parameter.grad.any() for parameter in ours.value_network.parameters())
+
+
+def test_the_target_network_follows_as_torchrls():
+    both = []
+    for updater in (SoftUpdate, FusedSoftUpdate):
+        made = loss_of(3)
+        follow = updater(made, tau=0.1)
+        made.value_network.load_state_dict(network(SIZES, 3, first=7).state_dict())
+        follow.step()
+        both.append(made.target_network.state_dict())
+    one, other = both
+    assert all(torch.allclose(one[name], other[name], rtol=1e-6) for name in one)
+    assert not any(
+        torch.equal(one[name], made.value_network.state_dict()[name]) for name in ("0.weight", "2.weight")
+    )
+
+
+# --- returns over several decisions -------------------------------------------------------------------------
+
+
+def rollout(reward, ended, alive, observation=None):
+    """A rollout (decisions, cells)."""
+    observation = (
+        torch.arange(1.0, 1 + len(reward))[:, None].expand_as(reward) if observation is None else observation
+    )
+    following = {"reward": reward, "terminated": ended, "observation": observation}
+    return {("next", name): part.unsqueeze(-1) for name, part in following.items()} | {
+        ("collector", "mask"): alive
+    }
+
+
+def parts_of(found):
+    """Reward, observation reached, steps to it, and whether it was the end (decisions, cells)."""
+    keys = (("next", "reward"), ("next", "observation"), "steps_to_next_obs", ("next", "terminated"))
+    return [found[key].squeeze(-1) for key in keys]
+
+
+def test_returns_by_hand():
+    reward, alive = torch.tensor([[1.0], [2.0], [4.0], [8.0]]), torch.ones(4, 1) > 0
+    total, reached, steps, _ = parts_of(returns(rollout(reward, ~alive, alive), 0.5, 3))
+    assert total.flatten().tolist() == [1 + 1 + 1, 2 + 2 + 2, 4 + 4, 8]
+    assert reached.flatten().tolist() == [3, 4, 4, 4]
+    assert steps.flatten().tolist() == [3, 3, 2, 1]
+
+
+@pytest.mark.parametrize("terminated", [False, True])
+def test_returns_end_with_the_life(terminated):
+    reward, alive = torch.tensor([[1.0], [2.0], [0.0]]), torch.tensor([[True], [True], [False]])
+    ends = torch.tensor([[False], [terminated], [False]])
+    total, reached, steps, ended = (
+        part.flatten().tolist()[:2] for part in parts_of(returns(rollout(reward, ends, alive), 0.5, 3))
+    )
+    assert (total, reached, steps) == ([2.0, 2.0], [2.0, 2.0], [2, 1])
+    assert ended == [terminated, terminated]
+
+
+def test_returns_are_those_of_torchrl():
+    generator = torch.Generator().manual_seed(0)
+    reward, observation = (torch.randn(6, 5, generator=generator) for _ in range(2))
+    ends = torch.rand(6, 5, generator=generator) < 0.15
+    alive = torch.cat([torch.ones(1, 5), (~ends).cumprod(0)[:-1]]) > 0
+    found = returns(rollout(reward, torch.zeros_like(ends), alive, observation), 0.9, 3)
+    following = {"observation": observation, "reward": reward, "done": ends, "terminated": ends}
+    rows = {
+        "next": {name: part.T.unsqueeze(-1) for name, part in following.items()},
+        "collector": {"mask": alive.T},
+    }
+    theirs = MultiStep(gamma=0.9, n_steps=3)(TensorDict(rows, (5, 6)))
+    for key in (("next", "reward"), ("next", "observation"), "steps_to_next_obs"):
+        expected = theirs[key].reshape(5, 6).T
+        assert torch.allclose(found[key].squeeze(-1)[alive], expected[alive].float(), atol=1e-6)
+
+
+def algorithm(settings, **changes):
+    """An algorithm and its environment, whose first lives have begun."""
+    world = settings.training_world()
+    learning = settings.learning
+    env = SwarmEnv(
+        learning.n_worlds * settings.n_seeds,
+        n_swimmers=learning.n_swimmers,
+        seeds=settings.seeds,
+        world=world,
+        **changes,
+    )
+    env.restart()
+    made = DQN(env, settings)
+    made.begin(0)
+    return made
+
+
+@pytest.mark.parametrize("rounds", [(100,), (1,), (2, 3), (7, 1, 30)], ids=str)
+@pytest.mark.parametrize("radial", [False, True], ids=["all live as long", "some arrive"])
+def test_returns_cross_the_rounds_of_collecting(rounds, radial):
+    box = [[-1.5, 1.5], [-1.5, 1.5]]
+    world = {"field": "radial", "start_box": box} if radial else {}
+    learning = {"n_swimmers": 30, "n_steps": 3, "buffer_size": 10_000, "updates": 1}
+    kept = []
+    for counts in ((1000,), rounds):
+        made = algorithm(short_settings(world=world, learning=learning))
+        made.explorer.epsilon = 1.0
+        for decisions in itertools.cycle(counts):
+            made.remember(made.collector.collect(decisions))
+            if made.env.all_finished():
+                break
+        kept.append(made.buffer.rows.clone())
+    assert torch.equal(*kept)
+
+
+def test_a_new_life_takes_nothing_over_from_one_that_was_left():
+    kept = []
+    for decisions in (0, 5):
+        made = algorithm(short_settings(learning={"n_steps": 3}))
+        if decisions:
+            made.remember(made.collector.collect(decisions))
+            made.buffer.buffer.empty()
+        made.env.set_seeds([3])
+        made.env.restart()
+        made.begin(0)
+        made.learn(made.collect(0.0), 0.0)
+        kept.append(made.buffer.rows.clone())
+    assert torch.equal(*kept)
 
 
 # --- learning -----------------------------------------------------------------------------------------------
 
 
-def test_target_rate_one_means_one_network_for_both():
-    made = learner(target_rate=1.0, average_rate=1.0)
-    assert made.target is made.online
-    assert made.played is made.online
+def weights(made, place=0):
+    return torch.cat([tensor[place].flatten() for tensor in made.policy.state_dict().values()])
 
 
-def test_target_and_played_networks_follow_by_their_rates():
-    made = learner(target_rate=0.1, average_rate=0.25, updates=1)
-    target, played = made.target.flat.clone(), made.played.flat.clone()
-    made.learn(lambda updates: 0.01)
-    assert torch.allclose(made.target.flat, target + 0.1 * (made.online.flat - target))
-    assert torch.allclose(made.played.flat, played + 0.25 * (made.online.flat - played))
+def taught(settings, rounds=3):
+    made = algorithm(settings)
+    for _ in range(rounds):
+        made.learn(made.collect(0.0), 0.0)
+    return made
 
 
-def test_an_update_is_adams():
-    made = learner((0,), updates=1)
-    before = made.online.flat.clone()
-    made.learn(lambda updates: 0.003)
-    gradient = made.moments["exp_avg"] / 0.1
-    step = made.online.flat - before  # Adam's first has the size of the rate wherever there is a slope
-    moved = gradient.abs() > 1e-4
-    assert moved.any()
-    assert torch.allclose(step[moved], -0.003 * gradient[moved].sign(), rtol=1e-3)
+def test_a_target_rate_of_one_means_one_network_for_both():
+    made = algorithm(short_settings("paper"))
+    assert made.loss.target_network is made.policy
+    assert made.follow is None
 
 
-def test_descending_is_what_torchs_optimiser_does():
-    made, generator = learner((0, 1)), torch.Generator().manual_seed(0)
-    twin = made.online.flat.clone().requires_grad_()
-    optimiser = torch.optim.Adam([twin])
-    for rate in (0.01, 0.003, 0.02):
-        gradient = torch.randn(twin.shape, generator=generator)
-        made.rate = optimiser.param_groups[0]["lr"] = rate
-        made.descend(gradient)
-        twin.grad = gradient.clone()
-        optimiser.step()
-    assert torch.allclose(made.online.flat, twin, rtol=1e-5, atol=1e-7)
-
-
-def test_the_learning_rate_is_asked_for_at_every_update():
-    asked = []
-    made = learner(updates=3)
-    made.learn(lambda updates: asked.append(updates) or 0.01)
-    made.learn(lambda updates: asked.append(updates) or 0.01)
-    assert asked == [0, 1, 2, 3, 4, 5]
+def test_the_learning_rate_is_that_of_every_update():
+    made = algorithm(short_settings("paper", learning={"updates": 3, "collect": 2}))
+    rates = []
+    made.update = lambda batch: rates.append(made.optimiser.param_groups[0]["lr"]) or made.loss(batch)
+    for _ in range(2):
+        made.learn(made.collect(0.0), 0.0)
+    assert rates == pytest.approx([0.01 / (1 + 0.1 * updates) for updates in range(6)])
     assert made.updates == 6
 
 
-def test_a_seed_learns_the_same_alone_and_in_a_stack():
-    options = {"double": True, "target_rate": 0.1, "average_rate": 0.2, "loss": "huber"}
-    stack = learner((3, 4, 5), **options)
-    alone = Learner(8, 2, settings_of(**options), [4])
-    alone.remember(part(transitions(40, 3), slice(None), slice(1, 2)).packed())
-    for each in (stack, alone):
-        each.begin(0)
-    for _ in range(5):
-        stack.learn(lambda updates: 0.01)
-        alone.learn(lambda updates: 0.01)
-    np.testing.assert_allclose(alone.online.flat[0], stack.online.flat[1], rtol=1e-3, atol=1e-5)
-    np.testing.assert_allclose(alone.played.flat[0], stack.played.flat[1], rtol=1e-3, atol=1e-5)
+@pytest.mark.parametrize("n_steps", [1, 3])
+def test_a_seed_learns_the_same_alone_and_in_a_stack(n_steps):
+    learning = {"n_steps": n_steps}
+    stack = taught(short_settings(n_seeds=3, seed=3, learning=learning))
+    alone = taught(short_settings(seed=4, learning=learning))
+    np.testing.assert_allclose(weights(alone), weights(stack, 1), rtol=1e-3, atol=1e-5)
+
+
+def test_draws_are_named_by_the_epoch():
+    made, other = (taught(short_settings()) for _ in range(2))
+    found = []
+    for each, epoch in ((made, 1), (other, 1), (made, 0), (made, 1)):
+        each.begin(epoch)
+        found.append(next(each.buffer.batches(1, 30))["observation"])
+    assert torch.equal(found[0], found[1])
+    assert not torch.equal(found[0], found[2])
+    assert torch.equal(found[0], found[3])
 
 
 def test_learning_fits_what_it_is_shown():
-    made = learner((0,), discount=0.0, updates=300, batch_size=40, hidden=[24, 24])
-    first, _ = made.learn(lambda updates: 0.0 if updates == 0 else 0.01)
-    last, _ = made.learn(lambda updates: 0.001)
-    assert last < 0.2 * first
+    made = loss_of()
+    batch, optimiser = transitions(1, 40), torch.optim.Adam(made.value_network.parameters(), 0.01)
+    made.error = lambda *data: q_error(*data, gamma=0.0, double=False, loss_function="l2")
+    found = []
+    for _ in range(300):
+        found.append(made(batch)["loss"].sum())
+        optimiser.zero_grad()
+        found[-1].backward()
+        optimiser.step()
+    assert found[-1] < 0.2 * found[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("recipe", ["swarm", "paper"])
+def test_a_compiled_update_is_the_stock_one(recipe):
+    plain, compiled = (
+        taught(short_settings(recipe, n_seeds=2, compile=how, learning={"n_steps": 2}))
+        for how in ("never", "always")
+    )
+    assert compiled.update != compiled._update
+    for name, tensor in plain.tensors().items():
+        np.testing.assert_allclose(
+            compiled.tensors()[name].detach(), tensor.detach(), rtol=1e-4, atol=1e-6, err_msg=name
+        )

@@ -11,8 +11,7 @@ import pytest
 
 from swarm._support import files
 from tests.short_runs import NOISE, Crash, assert_equal_runs, go_on, short_settings, start, whole
-from trainers.algorithms.dqn import Learner
-from trainers.algorithms.exploration import Explorer
+from trainers.algorithms.dqn import DQN
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run as running
 from trainers.training.run_folder import RunFolder
@@ -23,7 +22,7 @@ SETTINGS = {
     "paper": short_settings("paper"),
     "seeds, noise, clocks": short_settings(n_seeds=2, world={"varying_speed": True, **NOISE}),
     "vortices, two worlds": short_settings(
-        world={"flow": "taylor_green", "sense_flow": True}, learning={"n_worlds": 2, "average_rate": 0.3}
+        world={"flow": "taylor_green", "sense_flow": True}, learning={"n_worlds": 2, "n_steps": 3}
     ),
     "exact intervals": short_settings(
         "paper", n_seeds=2, world={"varying_speed": True, "interval_rule": "exact", "curvature_noise": 0.1}
@@ -31,8 +30,8 @@ SETTINGS = {
 }
 PHASES = {
     "preparing": [(running, "_go_on")],
-    "collecting": [(Explorer, "collect")],
-    "updating": [(Learner, "learn")],
+    "collecting": [(DQN, "collect")],
+    "updating": [(DQN, "learn")],
     "validating": [(Validation, "gains")],
     "writing tables": [(RunFolder, "append"), (RunFolder, "rewrite")],
     "writing checkpoints": [(checkpoints, "write"), (files, "_flush"), (os, "replace")],
@@ -118,21 +117,6 @@ def test_a_run_stopped_and_resumed_after_every_epoch_ends_as_if_it_had_not(refer
             go_on(run, settings, stop)
     go_on(run, settings)
     assert_equal_runs(run, expected)
-
-
-def test_a_run_that_crashed_before_its_first_checkpoint_starts_again(tmp_path):
-    settings = SETTINGS["swarm"]
-
-    def stop(made, seconds):
-        raise Crash
-
-    run = start(tmp_path / "run", settings)
-    with pytest.raises(Crash):
-        go_on(run, settings, stop)
-    assert not (run.path / "checkpoints").exists()
-    assert len(run.rows("metrics.csv")) == 1
-    go_on(run, settings)
-    assert_equal_runs(run, whole(tmp_path / "whole", settings))
 
 
 def test_a_run_that_is_resumed_at_its_end_is_as_it_was(tmp_path):

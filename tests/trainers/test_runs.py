@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import subprocess
 import sys
 import threading
@@ -16,12 +15,10 @@ from swarm._support import files
 from tests.short_runs import short_settings, start
 from trainers.training import run_folder as runs
 from trainers.training.run_folder import (
-    METRIC_COLUMNS,
     RunError,
     RunFolder,
     default_folder,
     read_table,
-    safe_name,
 )
 
 SETTINGS = short_settings(experiment="linear_n2", seed=7)
@@ -143,11 +140,6 @@ def test_a_table_of_something_else_has_no_rows(tmp_path, content):
     assert read_table(tmp_path / "table.csv") == []
 
 
-def test_the_columns_of_metrics_are_those_promised():
-    assert METRIC_COLUMNS[:2] == ("epoch", "seed")
-    assert {"gain", "fraction_of_limit", "loss", "epsilon", "q_mean"} <= set(METRIC_COLUMNS)
-
-
 # --- locks --------------------------------------------------------------------------------------------------
 
 
@@ -194,8 +186,3 @@ def test_what_killed_writes_left_behind_is_removed_and_nothing_else(tmp_path):
     assert {path.name for path in run.path.iterdir()} == left
     assert not list(of_seed.iterdir())
     assert len(list(elsewhere.iterdir())) == 1
-
-
-def test_safe_names_hold_no_paths():
-    assert safe_name("a/../b c=1,2") == "a_.._b_c_1_2"
-    assert os.sep not in safe_name("/etc/passwd")

@@ -1,148 +1,233 @@
-"""Deep Q-learning for a stack of independent seeds: replay, loss, optimiser and target network."""
+"""Deep Q-learning (paper: DQN), made of TorchRL's parts, for a stack of independent seeds.
+
+Where a stock class takes more than twice the time of what it does, a lean one stands for it, which a test
+holds equal to it: `SeedDQNLoss` for DQNLoss, `returns` for MultiStep, `EpsilonGreedy` for QValueActor with
+EGreedyModule, `FusedSoftUpdate` for SoftUpdate.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import copy
+import functools
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, cast
 
 import torch
-from torch import Tensor
-from torch.optim.adam import adam
-from torchrl.data import LazyTensorStorage, ReplayBuffer
+from tensordict import TensorDict, TensorDictBase, TensorDictParams
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor, nn
+from torchrl.objectives import LossModule, SoftUpdate
+from torchrl.objectives.utils import distance_loss
 
 from swarm._support import streams
-from trainers.algorithms.q_network import QNetwork
-from trainers.algorithms.transitions import Transitions
+from swarm.envs.torchrl import SwarmEnv
+from trainers.algorithms.base import Algorithm, fused_adam, optimiser_tensors, worth_compiling
+from trainers.algorithms.collector import SeedCollector
+from trainers.algorithms.compiled import CompiledUpdate
+from trainers.algorithms.networks import memory_of, seed_mlp
+from trainers.algorithms.replay import COLUMNS, SeedReplay, width
+from trainers.algorithms.schedules import epsilon_at, learning_rate_at
 from trainers.settings.learning import DQNSettings
+from trainers.settings.schema import Settings
+
+WORTH_COMPILING = 30_000  # updates, from which compiling one saves more time than it takes
+REACHED = ("reward", "observation", "terminated")  # what follows a decision
+LOSSES = {"squared": "l2", "huber": "smooth_l1"}  # in TorchRL's words
 
 
-class LossOutcome(NamedTuple):
-    """What one batch says; what is only looked at is computed when it is."""
+class EpsilonGreedy(TensorDictModuleBase):
+    """With probability ε a random action, else the best (paper: ε-greedy).
 
-    error: Tensor  # (seeds, rows) value of the chosen action less its target
-    slope: Tensor  # (seeds, rows) of a row's loss by the value
-    chosen: Tensor  # (seeds, rows) value of the chosen action
-    weight: Tensor  # (seeds, rows) of a row in the means: 1 / valid rows, or 0
-    gradient: Tensor  # (seeds, parameters)
-    kind: str
-
-    @property
-    def loss(self) -> Tensor:
-        """Mean loss (seeds,)."""
-        huber = self.kind == "huber"
-        each = self.slope * (self.error - 0.5 * self.slope) if huber else self.error * self.error
-        return (each * self.weight).sum(-1)
-
-    @property
-    def value(self) -> Tensor:
-        """Mean value (seeds,) of the chosen actions."""
-        return (self.chosen * self.weight).sum(-1)
-
-
-def dqn_loss(
-    online: QNetwork, target: QNetwork, batch: Transitions, *, double: bool, kind: str
-) -> LossOutcome:
-    """The DQN loss (paper: loss function; van Hasselt et al. 2016 with `double`) and its gradient.
-
-    `batch` (seeds, rows); rows that are not valid count for nothing. Equal to `torchrl.objectives.DQNLoss`
-    where every row is valid (a test holds it), without its overhead.
+    EGreedyModule draws from torch's global generator; here the numbers are drawn outside.
     """
-    following = target.values(batch.next_observation)
-    chooser = following
-    if double and online is not target:
-        chooser = online.values(batch.next_observation)
-    best = following.gather(-1, chooser.argmax(-1, keepdim=True)).squeeze(-1)
-    layers = online.layers(batch.observation)
-    action = batch.action.unsqueeze(-1)
-    chosen = layers[-1].gather(-1, action).squeeze(-1)
-    error = chosen - torch.addcmul(batch.reward, batch.bootstrap, best)
-    weight = batch.valid / batch.valid.sum(-1, keepdim=True).clamp_(min=1)
-    slope = error.clamp(-1, 1) if kind == "huber" else 2 * error
-    slopes = torch.zeros_like(layers[-1]).scatter_(-1, action, (slope * weight).unsqueeze(-1))
-    return LossOutcome(error, slope, chosen, weight, online.gradient(layers, slopes), kind)
+
+    in_keys = ["observation", "uniform"]
+    out_keys = ["action"]
+
+    def __init__(self, network: nn.Module, n_actions: int) -> None:
+        super().__init__()
+        self.network, self.n_actions, self.epsilon = network, n_actions, 1.0
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        best = self.network(tensordict["observation"]).argmax(-1)
+        coin, choice = tensordict["uniform"].unbind(-1)
+        random = (choice * self.n_actions).long()
+        return tensordict.set("action", torch.where(coin < self.epsilon, random, best))
 
 
-class Learner:
-    """Networks, optimiser and replay buffer of all seeds."""
+def q_error(
+    online: Callable, target: Callable, batch: Mapping, *, gamma: float, double: bool, loss_function: str
+) -> tuple[Tensor, Tensor]:
+    """Loss and mean value (seeds,) of a batch (seeds, rows) in the keys that DQNLoss reads.
 
-    def __init__(
-        self, n_inputs: int, n_actions: int, settings: DQNSettings, seeds: list[int], device: str = "cpu"
-    ) -> None:
-        self.settings, self.seeds, self.device = settings, seeds, torch.device(device)
-        generators = [
-            torch.Generator().manual_seed(streams.integer_seed("training", "network", seed)) for seed in seeds
-        ]
-        self.online = QNetwork.create((n_inputs, *settings.hidden, n_actions), generators, device)
-        self.target = self.online.copy() if settings.target_rate < 1 else self.online
-        self.played = self.online.copy() if settings.average_rate < 1 else self.online
-        self.moments = {  # of Adam
-            "step": torch.zeros((), device=self.device),
-            "exp_avg": torch.zeros_like(self.online.flat),
-            "exp_avg_sq": torch.zeros_like(self.online.flat),
-        }
-        self.rate = settings.learning_rate  # of the last update
-        self.buffer = ReplayBuffer(storage=LazyTensorStorage(settings.buffer_size, device=device))
-        self._draws = [torch.Generator(self.device) for _ in seeds]
-        self._places = torch.arange(len(seeds), device=self.device)[:, None]
-        self.updates = 0
+    With `double`, the online network chooses the next action and the target network values it (van Hasselt et
+    al. 2016). Rows of cells that were not alive count for nothing.
+    """
+    following, alive = batch["next", "observation"], batch["collector", "mask"]
+    with torch.no_grad():
+        values = target(following)
+        chooser = online(following) if double else values
+        best = values.gather(-1, chooser.argmax(-1, keepdim=True))
+        discount = gamma ** batch["steps_to_next_obs"] * ~batch["next", "terminated"]
+        goal = torch.addcmul(batch["next", "reward"], discount, best)
+    chosen = online(batch["observation"]).gather(-1, batch["action"].unsqueeze(-1))
+    each = torch.stack([distance_loss(chosen, goal, loss_function), chosen]).squeeze(-1)
+    loss, value = torch.where(alive, each, 0.0).sum(-1) / alive.sum(-1).clamp_min(1)
+    return loss, value
+
+
+class SeedDQNLoss(LossModule):
+    """`torchrl.objectives.DQNLoss` for each of a leading axis of seeds."""
+
+    in_keys = [*COLUMNS]
+    out_keys = ["loss", "chosen_action_value"]
+
+    value_network: nn.Module
+    value_network_params: TensorDictParams
+    target_value_network_params: TensorDictParams
+
+    def __init__(self, network: nn.Module, *, delay_value: bool, **options: Any) -> None:
+        super().__init__()
+        self.error: Callable = functools.partial(q_error, **options)
+        self.convert_to_functional(network, "value_network", create_target_params=delay_value)
+        self.__dict__["target_network"] = target = copy.deepcopy(network) if delay_value else network
+        if delay_value:
+            self._modules["target_value_network_params"].to_module(target)
+
+    def forward(self, batch: Mapping) -> TensorDict:
+        loss, value = self.error(self.value_network, self.target_network, batch)
+        return TensorDict({"loss": loss, "chosen_action_value": value.detach()}, loss.shape)
+
+
+class FusedSoftUpdate(SoftUpdate):
+    """SoftUpdate of all tensors in one call."""
+
+    def init_(self) -> None:
+        super().init_()
+        both = (self._targets.data, self._sources.data)
+        self._old, self._new = (list(each.values(include_nested=True, leaves_only=True)) for each in both)
+
+    def step(self) -> None:
+        torch._foreach_lerp_(self._old, self._new, 1 - self.eps)
+
+
+def returns(rollout: Mapping[Any, Tensor], gamma: float, n_steps: int) -> dict[str | tuple[str, str], Tensor]:
+    """Transitions (decisions, ...) whose rewards are sums over up to `n_steps` decisions of the same life.
+
+    What TorchRL's MultiStep writes: Σ γᵏ r, the observation that follows, and the steps to it (Sutton
+    and Barto 2018, eq. 7.1). A termination on the way counts, which MultiStep leaves to its user.
+    """
+    reward, seen, ended = (rollout["next", name] for name in REACHED)
+    total, reached, terminated = reward.clone(), seen.clone(), ended.clone()
+    alive, steps = rollout["collector", "mask"].unsqueeze(-1), torch.ones_like(reward)
+    for ahead in range(1, min(n_steps, len(reward))):
+        goes_on = alive[ahead:]
+        total[:-ahead] += torch.where(goes_on, gamma**ahead * reward[ahead:], 0.0)
+        reached[:-ahead] = torch.where(goes_on, seen[ahead:], reached[:-ahead])
+        terminated[:-ahead] |= goes_on & ended[ahead:]
+        steps[:-ahead] += goes_on
+    further = {("next", name): part for name, part in zip(REACHED, (total, reached, terminated), strict=True)}
+    return {**rollout, **further, "steps_to_next_obs": steps}
+
+
+class DQN(Algorithm):
+    """Decides for every cell, remembers what came of it, and learns from random parts of that."""
+
+    metrics = ("loss", "q_mean", "epsilon", "learning_rate")
+    kept = ("observation", "action", ("collector", "mask"), *(("next", name) for name in REACHED))
+
+    def __init__(self, env: SwarmEnv, settings: Settings) -> None:
+        learning, world, device = cast(DQNSettings, settings.learning), env.world, env.device
+        self.env, self.settings = env, learning
+        drawn = [streams.integer_seed("training", "network", seed) for seed in env.seeds]
+        sizes = (world.observation_size, *learning.hidden, world.n_actions)
+        self.policy = seed_mlp(sizes, [torch.Generator().manual_seed(each) for each in drawn], device)
+        self.explorer = EpsilonGreedy(self.policy, world.n_actions)
+        self.collector = SeedCollector(env, self.explorer)
+        delayed = learning.target_rate < 1
+        self.loss = SeedDQNLoss(
+            self.policy,
+            delay_value=delayed,
+            gamma=learning.discount,
+            double=learning.double and delayed,
+            loss_function=LOSSES[learning.loss],
+        )
+        self.follow = FusedSoftUpdate(self.loss, tau=learning.target_rate) if delayed else None
+        self.optimiser = fused_adam(self.policy.parameters())
+        self.draws = [torch.Generator(device or "cpu") for _ in env.seeds]
+        self.buffer = SeedReplay(learning.buffer_size, world.observation_size, self.draws)
+        self.update: Callable[[Mapping], Mapping[str, Tensor]] = self._update
+        rounds = learning.epochs * math.ceil(world.max_decisions / (learning.collect or world.max_decisions))
+        if worth_compiling(settings, rounds * learning.updates, WORTH_COMPILING):
+            networks = (self.policy, self.loss.target_network)
+            self.update = CompiledUpdate(self.loss.error, *networks, self.optimiser, learning.target_rate)
+
+    @staticmethod
+    def memory_needed(settings: Settings) -> int:
+        learning, world = cast(DQNSettings, settings.learning), settings.training_world()
+        sizes = (world.observation_size, *learning.hidden, world.n_actions)
+        rows = 2 * learning.buffer_size + learning.updates * learning.batch_size  # a checkpoint's, too
+        return 4 * rows * width(sizes[0]) + memory_of(sizes, learning.batch_size)
+
+    def _update(self, batch: Mapping) -> Mapping[str, Tensor]:
+        """One step of the optimiser."""
+        measured = self.loss(batch)
+        self.optimiser.zero_grad()
+        measured["loss"].sum().backward()
+        self.optimiser.step()
+        if self.follow is not None:
+            self.follow.step()
+        return measured
 
     def begin(self, epoch: int) -> None:
-        """Draw rows for epoch number `epoch` from now on, the same whatever was drawn before."""
-        for draws, seed in zip(self._draws, self.seeds, strict=True):
-            draws.manual_seed(streams.integer_seed("training", "replay", seed, epoch))
+        self.epoch, self.waiting = epoch, dict[Any, Tensor]()
+        for generator, seed in zip(self.draws, self.env.seeds, strict=True):
+            generator.manual_seed(streams.integer_seed("training", "replay", seed, epoch))
 
-    def remember(self, rows: Tensor) -> None:
-        """Put packed transitions (rows, seeds, width) into the buffer."""
-        self.buffer.extend(rows)
+    def collect(self, progress: float) -> TensorDict:
+        self.explorer.epsilon = epsilon_at(self.settings, self.epoch, progress)
+        return self.collector.collect(self.settings.collect or self.env.world.max_decisions)
 
-    def refill(self, rows: Tensor, cursor: int) -> None:
-        """Put back what `buffer[:]` gave; the next transition goes to place `cursor`."""
-        self.buffer.empty()
-        self.buffer.extend(rows)
-        self.buffer.writer.load_state_dict({"_cursor": cursor})
+    def remember(self, rollout: TensorDict) -> bool:
+        """Put what is complete into the buffer; whether anything was.
 
-    def sample(self, rows: int) -> Transitions:
-        """Transitions (seeds, rows), drawn uniformly with replacement for every seed by its own generator."""
-        length, seeds = len(self.buffer), len(self.seeds)
-        drawn = [torch.randint(length, (rows,), generator=each, device=self.device) for each in self._draws]
-        places = (torch.stack(drawn) * seeds + self._places).flatten()
-        stored = self.buffer[:].flatten(0, 1)  # views
-        return Transitions.unpacked(stored.index_select(0, places).unflatten(0, (seeds, rows)))
-
-    def descend(self, gradient: Tensor) -> None:
-        """One step of Adam (Kingma and Ba 2015) along `gradient` (seeds, parameters).
-
-        Torch's function, not its optimiser, which looks longer at a single tensor than it takes to change it.
+        The last decisions wait for the rewards of the next ones, unless all lives have ended.
         """
-        adam(
-            [self.online.flat],
-            [gradient],
-            [self.moments["exp_avg"]],
-            [self.moments["exp_avg_sq"]],
-            [],
-            [self.moments["step"]],
-            fused=True,
-            amsgrad=False,
-            beta1=0.9,
-            beta2=0.999,
-            lr=self.rate,
-            weight_decay=0.0,
-            eps=1e-8,
-            maximize=False,
-        )
+        window = {key: rollout[key] for key in self.kept}
+        if self.waiting:
+            window = {key: torch.cat([self.waiting[key], now]) for key, now in window.items()}
+        decisions = len(window["action"])
+        complete = decisions if self.env.all_finished() else max(0, decisions - self.settings.n_steps + 1)
+        self.waiting = {key: now[complete:] for key, now in window.items()}
+        if complete:
+            rows = returns(window, self.settings.discount, self.settings.n_steps)
+            self.buffer.extend({key: part[:complete] for key, part in rows.items()})
+        return complete > 0
 
-    def learn(self, learning_rate: Any) -> tuple[Tensor, Tensor]:
-        """One round of updates; `learning_rate` maps the count of updates to a rate. Returns loss and value
-        (seeds,).
-        """
-        settings = self.settings
-        outcome = None
-        for batch in self.sample(settings.updates * settings.batch_size).batches(settings.batch_size):
-            outcome = dqn_loss(self.online, self.target, batch, double=settings.double, kind=settings.loss)
-            self.rate = learning_rate(self.updates)
-            self.descend(outcome.gradient)
+    def learn(self, rollout: TensorDict, progress: float) -> dict[str, Tensor | float] | None:
+        """One round of updates."""
+        if not self.remember(rollout):
+            return None
+        for batch in self.buffer.batches(self.settings.updates, self.settings.batch_size):
+            rate = self.optimiser.param_groups[0]["lr"] = learning_rate_at(
+                self.settings, self.updates, progress
+            )
+            measured = self.update(batch)
             self.updates += 1
-            for follower, rate in ((self.target, settings.target_rate), (self.played, settings.average_rate)):
-                if follower is not self.online:
-                    follower.flat.lerp_(self.online.flat, rate)
-        assert outcome is not None
-        return outcome.loss, outcome.value
+        means = {"loss": measured["loss"].detach(), "q_mean": measured["chosen_action_value"]}
+        return means | {"epsilon": self.explorer.epsilon, "learning_rate": rate}
+
+    def tensors(self) -> dict[str, Tensor]:
+        held = {f"loss.{name}": tensor for name, tensor in self.loss.state_dict(keep_vars=True).items()}
+        return held | optimiser_tensors(self.optimiser) | {"buffer": self.buffer.rows}
+
+    def counters(self) -> dict[str, int]:
+        return super().counters() | {"cursor": self.buffer.cursor}
+
+    def growing(self) -> dict[str, int]:
+        return {"buffer": self.buffer.size}
+
+    def restore(self, tensors: Mapping[str, Tensor], counters: Mapping[str, int]) -> None:
+        self.buffer.refill(tensors["buffer"], counters["cursor"], self.env.world.n_actions)
+        super().restore(tensors, counters)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,12 +16,14 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from pydantic import TypeAdapter, ValidationError
 
+from swarm._support import files
 from swarm._support.checks import check_name
 from swarm.physics.grids.netcdf import located
 from swarm.physics.world import World
 from swarm.policies.network import ZOO, load_policy
 from trainers.settings.schema import Settings, unknown
 
+RECORD, MAX_RECORD = "run.json", 2**18  # of what a run was made with, and its bytes
 GROUPS = ("algorithm", "experiment", "recipe", "tuning")  # folders of files to choose from
 RULE_OF = {  # pydantic's kinds of errors, in the words of an error's rule
     "int_type": "a whole number",
@@ -113,21 +116,38 @@ def readable(error: Exception, words: Sequence[str]) -> str:
 def settings_from_stored(stored: Any, near: Path | None = None) -> Settings:
     """Checked settings from what a run has stored, which is data only; raises SettingsError.
 
-    Files of data that are not where they were are looked for `near` a file or a folder, and in all above it.
+    Files of data that are not where they were, seen from the current folder, are looked for in the folder
+    that the run `near` was begun in, and `near` it: there, and in all folders above.
     """
+    if isinstance(stored, dict) and isinstance(learning := stored.get("learning"), dict):
+        # Version 0.1 could keep a running mean of the networks; that it did not is said no more.
+        retired = {"average_rate"} if learning.get("average_rate") == 1.0 else set()
+        stored = stored | {"learning": {name: learning[name] for name in learning.keys() - retired}}
     if near is not None and isinstance(stored, dict):
-        stored = {key: _with_data_near(key, section, near.resolve()) for key, section in stored.items()}
+        folders = [*_begun_in(near), near.resolve(), *near.resolve().parents]
+        stored = {key: _with_data(key, section, folders) for key, section in stored.items()}
     return checked(stored, "stored settings: ")
 
 
-def _with_data_near(key: str, section: Any, near: Path) -> Any:
+def _begun_in(run: Path) -> list[Path]:
+    """The folder that a run, or the one of several seeds, was begun in, where it says so."""
+    for folder in (run, run.parent):
+        try:
+            record = json.loads(files.read_bytes(folder / RECORD, at_most=MAX_RECORD))
+            return [Path(record["begun_in"])]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            continue
+    return []
+
+
+def _with_data(key: str, section: Any, folders: Sequence[Path]) -> Any:
     """A section of settings whose fields and flows have their files of data."""
     if not isinstance(section, dict):
         return section
     found = dict(section)
     for name, part in section.items():
         if isinstance(part, dict) and isinstance(path := part.get("path"), str):
-            places = [folder / each for each in (path, Path(path).name) for folder in (near, *near.parents)]
+            places = [folder / each for each in (path, Path(path).name) for folder in folders]
             try:
                 found[name] = part | {"path": located(path, part.get("sha256"), places)}
             except (OSError, ValueError) as error:

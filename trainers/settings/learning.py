@@ -61,7 +61,6 @@ class DQNSettings(LearningSettings):
     epsilon_schedule: Literal["exponential", "linear"] = "exponential"
     epsilon_decay: Share = 0.998  # paper table 2
     epsilon_fraction: Share = 0.6
-    average_rate: Share = 1.0  # part of the way the played network moves per update; 1: the online one
 
     @model_validator(mode="after")
     def _check(self) -> Self:

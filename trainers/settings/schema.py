@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import itertools
 import json
 import re
@@ -101,7 +102,7 @@ class Settings:
 
     def training_world(self) -> World:
         """The world to learn in."""
-        return World(**self.world)
+        return _world(json.dumps(self.world))
 
     def test_world(self) -> World:
         """The world to be tested in, with the test's life."""
@@ -110,10 +111,18 @@ class Settings:
             changes["field"] = self.evaluation.field
         return self.training_world().replace(**changes)
 
+    def identity(self) -> dict[str, Any]:
+        """All that decides a run: where its data lie does not, their checksums do."""
+        told = dataclasses.asdict(self)
+        for part in (*told["world"].values(), told["evaluation"]["field"]):
+            if isinstance(part, dict) and part.get("sha256"):
+                part.pop("path", None)
+        return told
+
     def dotted(self) -> dict[str, Any]:
-        """Every key, as it is written in words, and its value."""
+        """Every key, as it is written in words, and its value; of data their checksum."""
         flat: dict[str, Any] = {}
-        for name, value in dataclasses.asdict(self).items():
+        for name, value in self.identity().items():
             inner = value.items() if isinstance(value, dict) else ()
             flat |= {f"{name}.{key}": each for key, each in inner} or {name: value}
         return flat
@@ -121,6 +130,12 @@ class Settings:
     def as_yaml(self) -> str:
         """As they are shown, and stored in a run's folder."""
         return yaml.safe_dump(dataclasses.asdict(self), sort_keys=False)
+
+
+@functools.lru_cache(maxsize=8)
+def _world(text: str) -> World:
+    """The world of these parameters, made once: its data are known by their checksum, and take a while."""
+    return World(**json.loads(text))
 
 
 def unknown(key: str, known: Iterable[str]) -> str:
@@ -143,12 +158,14 @@ def _completed(given: dict[str, Any]) -> dict[str, Any]:
                     f"start_box must lie within ±{MAX_PLACE:g}, beyond which float32 is too coarse, "
                     f"got {number:g}"
                 )
-    return {name: _plain(name, given.get(name, names[name]), getattr(world, name)) for name in names}
+        return {name: _plain(name, given.get(name, names[name]), getattr(world, name)) for name in names}
 
 
 def _plain(name: str, given: Any, held: Any) -> Any:
     """A parameter of a world as plain data: a part with parameters with all of them, pairs as lists."""
     if name in PARTS:
+        if not isinstance(given, (str, dict, type(None))):
+            raise ValueError(f"{name} must be a name or keys and values, got {given!r}")
         return PARTS[name].describe(held) or given if isinstance(given, dict) else given
     return json.loads(json.dumps(held))
 

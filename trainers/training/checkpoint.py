@@ -21,7 +21,7 @@ from torch import Tensor
 from swarm._support import files
 from trainers.training.run_folder import RunError
 
-FORMAT = 1  # raised whenever what is stored changes its meaning; how the checksum is made never changes
+FORMAT = 2  # raised whenever what is stored changes its meaning; how the checksum is made never changes
 KEPT = 2
 MANIFEST, TENSORS = "manifest.json", "state.safetensors"
 MAX_MANIFEST = 2**20  # [bytes]

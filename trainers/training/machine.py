@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
-import itertools
 import os
 import re
 
+from trainers.algorithms import ALGORITHMS
 from trainers.settings.composition import SettingsError
-from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import Settings
 
 
@@ -31,21 +30,10 @@ def check_machine(settings: Settings) -> None:
 def memory_needed(settings: Settings) -> int:
     """Bytes a run works with, roughly, and rather too few than too many."""
     learning, world = settings.learning, settings.training_world()
-    inputs, seeds = world.observation_size, settings.n_seeds
-    cells = learning.n_worlds * learning.n_swimmers
-    transition = 4 * (2 * inputs + 4)  # packed
     decisions = min(learning.collect or world.max_decisions, world.max_decisions)
-    rollout = cells * decisions * (2 * transition + 8)
-    buffer, batch = 0, learning.batch_size * (transition + 16)
-    if isinstance(learning, DQNSettings):
-        buffer = 2 * learning.buffer_size * transition  # once more for a checkpoint
-        batch *= learning.updates
-    sizes = (inputs, *learning.hidden, world.n_actions)
-    parameters = sum(a * b + b for a, b in itertools.pairwise(sizes))
-    layers = 3 * 4 * sum(sizes) * learning.batch_size
-    return seeds * (
-        buffer + rollout + batch + 7 * 4 * parameters + layers + settings.validation.cells * inputs * 8
-    )
+    cells = 2 * decisions * learning.n_worlds * learning.n_swimmers + settings.validation.cells
+    own = ALGORITHMS[settings.algorithm].memory_needed(settings)
+    return settings.n_seeds * (8 * world.observation_size * cells + own)
 
 
 def _memory() -> int | None:

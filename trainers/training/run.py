@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import signal
 import sys
 import time
@@ -12,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from swarm._support import provenance
 from swarm.policies.network import save_policy
@@ -22,9 +20,9 @@ from trainers.training import checkpoint as checkpoints
 from trainers.training import run_folder as runs
 from trainers.training import snapshot as snapshots
 from trainers.training.checkpoint import CheckpointError
-from trainers.training.loop import MEASURES, Training
+from trainers.training.loop import Training
 from trainers.training.machine import check_machine
-from trainers.training.run_folder import METRIC_COLUMNS, RunFolder
+from trainers.training.run_folder import RunFolder
 
 Log = Callable[[list[dict[str, Any]], dict[str, Any]], None]
 Report = Callable[[Training, float], None]  # called after each epoch with the seconds it took
@@ -51,7 +49,7 @@ def begin(folder: Path, settings: Settings) -> tuple[Training, RunFolder]:
 def resume(folder: Path) -> tuple[Training, RunFolder]:
     """A run that was begun, as its settings say; raises SettingsError or RunError."""
     run, stored = RunFolder.open(folder)
-    training = prepare(settings_from_stored(stored))
+    training = prepare(settings_from_stored(stored, folder))
     then, now = run.record.get("versions"), provenance.versions()
     if isinstance(then, dict) and (changed := [name for name in now if then.get(name) != now[name]]):
         print(
@@ -97,9 +95,9 @@ def train(training: Training, run: RunFolder, *, report: Report | None = None) -
     cannot be used; RunError where another process trains the run.
     """
     settings = training.settings
-    with run.locked(), torch.inference_mode():
+    with run.locked():
         _go_on(training, run)
-        with _logging(settings, run) as log, _interruptible() as asked_to_stop:
+        with _logging(training, run) as log, _interruptible() as asked_to_stop:
             while training.epoch < settings.learning.epochs:
                 seconds = _epoch(training, run, log)
                 last = training.epoch == settings.learning.epochs
@@ -121,7 +119,7 @@ def _go_on(training: Training, run: RunFolder) -> None:
     run.tidy()
     checkpoints.tidy(folder)
     at_most = snapshots.largest(training) if folder.is_dir() else 0
-    found = checkpoints.read_newest(folder, dataclasses.asdict(settings), at_most=at_most)
+    found = checkpoints.read_newest(folder, settings.identity(), at_most=at_most)
     if found is not None:
         tensors, record, complaints = found
         try:
@@ -130,23 +128,23 @@ def _go_on(training: Training, run: RunFolder) -> None:
             raise CheckpointError(f"{folder}: {error}") from None
         for complaint in complaints:
             print(f"{complaint}; going on from epoch {training.epoch}", file=sys.stderr)
-    run.rewrite(runs.METRICS, METRIC_COLUMNS, list(training.metric_rows()))
+    run.rewrite(runs.METRICS, training.columns, list(training.metric_rows()))
     timings = [row for row in run.rows(runs.TIMINGS) if int(row["epoch"]) <= training.epoch]
     run.rewrite(runs.TIMINGS, runs.TIMING_COLUMNS, timings)
 
 
 def _epoch(training: Training, run: RunFolder, log: Log) -> float:
     """One epoch and its rows in the tables; returns the seconds it took."""
-    started, decisions, updates = time.perf_counter(), training.decisions, training.learner.updates
+    started, decisions, updates = time.perf_counter(), training.decisions, training.algorithm.updates
     training.run_epoch()
     seconds = time.perf_counter() - started
     rows = list(training.metric_rows(training.epoch - 1))
-    run.append(runs.METRICS, METRIC_COLUMNS, rows)
+    run.append(runs.METRICS, training.columns, rows)
     timing = {
         "epoch": training.epoch,
         "seconds": seconds,
         "decisions_per_second": (training.decisions - decisions) / seconds,
-        "updates_per_second": (training.learner.updates - updates) / seconds,
+        "updates_per_second": (training.algorithm.updates - updates) / seconds,
     }
     run.append(runs.TIMINGS, runs.TIMING_COLUMNS, [timing])
     log(rows, timing)
@@ -159,16 +157,13 @@ def _save(training: Training, run: RunFolder) -> None:
         training.epoch,
         snapshots.tensors_of(training),
         snapshots.record_of(training),
-        dataclasses.asdict(training.settings),
+        training.settings.identity(),
     )
 
 
 def save_policies(training: Training, run: RunFolder) -> None:
     """The kept policy of every seed, and the best of them by validation as the run's own."""
-    network = training.learner.played.copy()
-    network.flat.copy_(training.best)
-    for place, seed in enumerate(training.seeds):
-        policy = network.exported(place, training.policy_card(place))
+    for place, (seed, policy) in enumerate(zip(training.seeds, training.policies(), strict=True)):
         if len(training.seeds) > 1:
             run.seed_folder(seed).mkdir(exist_ok=True)
             save_policy(policy, run.seed_folder(seed) / runs.POLICY)
@@ -182,7 +177,7 @@ def draw(training: Training, run: RunFolder) -> None:
     """
     from swarm import figures
 
-    gain = training.measures[:, :, MEASURES.index("gain")]
+    gain = training.measure("gain")
     validated = np.flatnonzero(~np.isnan(gain[:, 0]))
     limits = training.validation.limits
     curve = figures.Curve(
@@ -191,13 +186,13 @@ def draw(training: Training, run: RunFolder) -> None:
         greedy=float(training.validation.greedy.mean()),
         limit=None if limits is None else float(limits.mean()),
     )
-    figure = figures.training({training.settings.experiment: curve})
+    figure = figures.training({figures.plain(training.settings.experiment): curve})
     figures.save(figure, run.path / runs.FIGURE)
 
 
 def standing(training: Training) -> str:
     """The gain in validation, now and at best."""
-    gain, fraction = training.latest_validation()
+    gain, fraction = (training.measure(name)[-1].mean() for name in ("gain", "fraction_of_limit"))
     text = f"gain {gain:.2f}" if gain == gain else ""  # NaN where none was due
     text += f" = {100 * fraction:.1f}% of the limit" if fraction == fraction else ""
     best = training.best_gain.mean()
@@ -228,9 +223,9 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
 
 
 @contextmanager
-def _logging(settings: Settings, run: RunFolder) -> Iterator[Log]:
+def _logging(training: Training, run: RunFolder) -> Iterator[Log]:
     """Writes each epoch's rows to TensorBoard and Weights & Biases, where these are wanted."""
-    loggers: list[Any] = []
+    settings, loggers = training.settings, list[Any]()
     if settings.tensorboard:
         from torchrl.record.loggers.tensorboard import TensorboardLogger
 
@@ -244,7 +239,7 @@ def _logging(settings: Settings, run: RunFolder) -> Iterator[Log]:
         for logger in loggers:
             for row in rows:
                 suffix = "" if len(rows) == 1 else f"/seed_{row['seed']}"
-                for name in MEASURES:
+                for name in training.measured:
                     if row[name] is not None:
                         logger.log_scalar(name + suffix, float(row[name]), step=row["epoch"])
             for name in runs.TIMING_COLUMNS[1:]:

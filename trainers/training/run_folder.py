@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 import json
 import os
@@ -17,27 +16,15 @@ from typing import Any
 import yaml
 
 from swarm._support import files, provenance
+from swarm._support.tables import Table
+from trainers.settings.composition import RECORD
 from trainers.settings.schema import Settings
 
-SETTINGS, PROVENANCE, METRICS, TIMINGS = "settings.yaml", "run.json", "metrics.csv", "timings.csv"
+SETTINGS, PROVENANCE, METRICS, TIMINGS = "settings.yaml", RECORD, "metrics.csv", "timings.csv"
 POLICY, FIGURE, CHECKPOINTS = "policy.safetensors", "training.png", "checkpoints"
 LOCK = ".lock"
 MAX_TEXT = 2**18  # [bytes] of settings and provenance
 
-# What the columns of metrics.csv mean is defined where they are computed: `training.Training._measure`.
-METRIC_COLUMNS = (
-    "epoch",
-    "seed",
-    "training_gain",
-    "loss",
-    "q_mean",
-    "epsilon",
-    "learning_rate",
-    "decisions",
-    "updates",
-    "gain",
-    "fraction_of_limit",
-)
 TIMING_COLUMNS = ("epoch", "seconds", "decisions_per_second", "updates_per_second")
 
 
@@ -65,10 +52,10 @@ class RunFolder:
     def create(cls, path: Path, settings: Settings) -> RunFolder:
         """A new folder with settings and provenance, whole or not at all; refuses one that is there."""
         record = {"versions": provenance.versions(), "commit": provenance.commit(), "seeds": settings.seeds}
+        record["begun_in"] = str(Path.cwd())  # from where paths of data are told
         with files.new_folder(path) as folder:
             (folder / PROVENANCE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-            text = yaml.safe_dump(dataclasses.asdict(settings), sort_keys=False)
-            (folder / SETTINGS).write_text(text, encoding="utf-8")
+            (folder / SETTINGS).write_text(settings.as_yaml(), encoding="utf-8")
         return cls(path)
 
     @classmethod
@@ -142,17 +129,18 @@ class RunFolder:
 
     def rewrite(self, name: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
         """A table from its beginning: what a killed run wrote after its last checkpoint goes."""
-        files.write_text(self.path / name, _table(columns, rows, header=True))
+        files.write_text(self.path / name, Table.of(rows, columns).as_csv())
+
+    def append(self, name: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
+        """Further rows of a table, which must be there."""
+        _, text = Table.of(rows, columns).as_csv().split("\n", 1)
+        descriptor = os.open(self.path / name, os.O_WRONLY | os.O_APPEND)
+        with files.naming(self.path / name), open(descriptor, "a", encoding="utf-8", newline="") as file:
+            file.write(text)
 
     def rows(self, name: str) -> list[dict[str, str]]:
         """A table's rows, none where it is not there."""
         return read_table(self.path / name) if (self.path / name).is_file() else []
-
-    def append(self, name: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
-        """Further rows of a table, which must be there."""
-        descriptor = os.open(self.path / name, os.O_WRONLY | os.O_APPEND)
-        with files.naming(self.path / name), open(descriptor, "a", encoding="utf-8", newline="") as file:
-            file.write(_table(columns, rows, header=False))
 
 
 class _PlainLoader(yaml.SafeLoader):
@@ -168,33 +156,10 @@ def read_table(path: Path) -> list[dict[str, str]]:
     """Rows of a table; lines that are not whole, as the last one of a killed run may be, are left out."""
     text = path.read_text(encoding="utf-8", errors="replace")
     rows = csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1]))
-    return [
-        row
-        for row in rows
-        if None not in row.values() and None not in row and row.get("epoch", "").isdecimal()
-    ]
+    whole = (row for row in rows if None not in row.values() and None not in row)
+    return [row for row in whole if row.get("epoch", "").isdecimal()]
 
 
 def is_run_folder(path: Path) -> bool:
     """Whether `path` is the folder of a run."""
     return (Path(path) / SETTINGS).is_file()
-
-
-def safe_name(text: str) -> str:
-    """`text` as the name of a file."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", text)
-
-
-def _table(columns: Sequence[str], rows: Sequence[dict[str, Any]], *, header: bool) -> str:
-    buffer = io.StringIO()
-    writer = csv.DictWriter(buffer, columns, lineterminator="\n")
-    if header:
-        writer.writeheader()
-    writer.writerows({key: _written(value) for key, value in row.items()} for row in rows)
-    return buffer.getvalue()
-
-
-def _written(value: Any) -> Any:
-    if value is None:
-        return ""
-    return repr(value) if isinstance(value, float) else value

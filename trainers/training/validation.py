@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+
 import numpy as np
+import torch
+from torch import Tensor
 
 from swarm.envs.torchrl import SwarmEnv
 from swarm.optimal.physical_limit import limit
@@ -11,17 +16,13 @@ from swarm.physics.world import World
 from swarm.policies.strategies import Greedy
 from swarm.population.contest import lives
 from swarm.population.results import RIVAL
-from trainers.algorithms.q_network import QNetwork
 
 
 class Validation:
-    """A world of `cells` cells for every seed, drawn from the seed's validation streams.
-
-    `limits` (None where there is none) and `greedy`, the gain of that strategy, are (seeds,).
-    """
+    """A world of `cells` cells for every seed, drawn from the seed's validation streams."""
 
     def __init__(self, world: World, cells: int, seeds: list[int], device: str | None = None) -> None:
-        self.seeds = seeds
+        self.world, self.seeds = world, seeds
         self.env = SwarmEnv(
             len(seeds),
             device,
@@ -30,21 +31,31 @@ class Validation:
             population="validation",
             world=world,
         )
-        starts = [draw_starts(world, cells, seed, population="validation") for seed in seeds]
-        bounds = [limit(world, each) for each in starts]
-        self.limits = None if None in bounds else np.array(bounds, float)
-        self.greedy = np.array(
-            [
-                lives(world, Greedy(), each, seed, name=RIVAL, population="validation")["gain"].mean()
-                for seed, each in zip(seeds, starts, strict=True)
-            ]
-        )
+        self._starts = [draw_starts(world, cells, seed, population="validation") for seed in seeds]
 
-    def gains(self, network: QNetwork) -> np.ndarray:
-        """Mean gain (seeds,) of each seed's cells, the best action always taken."""
+    @functools.cached_property
+    def limits(self) -> np.ndarray | None:
+        """The physical limit (seeds,) of each seed's cells; None where there is none."""
+        bounds = [limit(self.world, each) for each in self._starts]
+        return None if None in bounds else np.array(bounds, float)
+
+    @functools.cached_property
+    def greedy(self) -> np.ndarray:
+        """Mean gain (seeds,) of each seed's cells under greedy."""
+        lived = (
+            lives(self.world, Greedy(), each, seed, name=RIVAL, population="validation")
+            for seed, each in zip(self.seeds, self._starts, strict=True)
+        )
+        return np.array([results["gain"].mean() for results in lived])
+
+    @torch.no_grad()
+    def gains(self, policy: Callable[[Tensor], Tensor]) -> np.ndarray:
+        """Mean gain (seeds,) of each seed's cells, the action always taken for which `policy` gives the
+        largest number: (seeds, cells, inputs) -> (seeds, cells, actions).
+        """
         env = self.env
         env.set_seeds(self.seeds)  # the same lives every time
         observation = env.restart()
         while not env.all_finished():
-            observation = env.advance(network.values(observation).argmax(-1)).observation
+            observation = env.advance(policy(observation).argmax(-1)).observation
         return env.gain().double().mean(-1).cpu().numpy()

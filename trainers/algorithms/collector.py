@@ -1,0 +1,80 @@
+"""Collecting: what TorchRL's Collector does, for worlds that are shared out among seeds."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDict
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+
+from swarm._support import streams
+from swarm.envs.torchrl import SwarmEnv
+
+BLOCK = 64  # decisions whose random numbers are drawn at once
+UNIFORM = 2  # random numbers of a cell for each of its decisions
+
+
+class SeedCollector:
+    """Steers every cell of a `SwarmEnv` by a policy, and hands over what happened.
+
+    TorchRL's Collector costs several times the decision itself for worlds this cheap
+    (`benchmarks/training_path.py`), and knows of no seeds. The policy reads `observation`
+    (seeds, cells, inputs) and `uniform` (seeds, cells, 2), numbers in [0, 1) that are each cell's own, and
+    writes its `out_keys`, among them `action` (seeds, cells); `cells` are those of one seed.
+    """
+
+    def __init__(self, env: SwarmEnv, policy: TensorDictModuleBase) -> None:
+        self.env, self.policy = env, policy
+        self.cells = env.n_worlds // len(env.seeds) * env.n_swimmers
+        self._shape = (len(env.seeds), self.cells)
+
+    @torch.no_grad()
+    def collect(self, decisions: int) -> TensorDict:
+        """Up to `decisions` decisions of every cell, fewer where all lives end: (decisions, seeds, cells).
+
+        In TorchRL's keys; `mask` of `collector` says which cells were alive.
+        """
+        env, results = self.env, []
+        written: dict[str, list[Tensor]] = {name: [] for name in ("observation", *self.policy.out_keys)}
+        for _ in range(decisions):
+            assert env.observation is not None, "env.restart() must come first"
+            seen = {"observation": self._by_seed(env.observation), "uniform": self._uniform()}
+            step = self.policy(TensorDict(seen, self._shape))
+            results.append(env.advance(step["action"].reshape(env.n_worlds, -1)))
+            for name, values in written.items():
+                values.append(step[name])
+            if env.all_finished():
+                break
+        observation, reward, terminated, truncated, alive = map(torch.stack, zip(*results, strict=True))
+        shape = (len(results), *self._shape)
+        following = {
+            "observation": observation.reshape(*shape, -1),
+            "reward": reward.reshape(*shape, 1).float(),
+            "terminated": terminated.reshape(*shape, 1),
+            "done": (terminated | truncated | ~alive).reshape(*shape, 1),
+        }
+        taken = {name: torch.stack(values) for name, values in written.items()}
+        return TensorDict({**taken, "collector": {"mask": alive.reshape(shape)}, "next": following}, shape)
+
+    def gains(self) -> Tensor:
+        """Gain (seeds, cells) of the lives so far."""
+        return self._by_seed(self.env.gain())
+
+    def _by_seed(self, values: Tensor) -> Tensor:
+        """(worlds, cells of a world, ...) -> (seeds, cells of a seed, ...)."""
+        return values.reshape(*self._shape, *values.shape[2:])
+
+    def _uniform(self) -> Tensor:
+        """Numbers (seeds, cells, 2) for this decision, named by seed, episode and decision; drawn by the
+        block.
+        """
+        block, place = divmod(int(self.env.decision[0]), BLOCK)
+        if place == 0:
+            device, episode = self.env.device or torch.device("cpu"), int(self.env.episode[0])
+            draws = []
+            for seed in self.env.seeds:
+                key = streams.integer_seed("training", "exploration", seed, episode, block)
+                generator = torch.Generator(device).manual_seed(key)
+                draws.append(torch.rand(UNIFORM, BLOCK, self.cells, generator=generator, device=device))
+            self._block = torch.stack(draws).permute(2, 0, 3, 1)  # (decisions, seeds, cells, numbers)
+        return self._block[place]
