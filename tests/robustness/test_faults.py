@@ -22,7 +22,7 @@ import typer
 
 from swarm.envs.torchrl import SwarmEnv
 from tests.short_runs import assert_equal_runs, short_settings, whole
-from trainers import cli
+from trainers import cli, training
 from trainers.algorithms import dqn
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run as running
@@ -528,6 +528,7 @@ def test_a_missing_package_is_said_before_there_is_a_folder(monkeypatch, capsys,
 
 def test_without_the_packages_for_training_there_is_no_folder(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "trainers.training.run", None)
+    monkeypatch.delattr(training, "run")
     assert "this needs a further package, chemoswarm[train] brings" in message(capsys, begin)
     assert not Path("run").exists()
 
