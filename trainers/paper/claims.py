@@ -57,8 +57,8 @@ def estimate(*samples: np.ndarray, combine: Callable[..., Any] = difference) -> 
     half = margin(*samples, weights=slopes)
     interval = None if half is None else (value - float(half), value + float(half))
     if interval and samples[0].dtype == bool:
-        surely = ((1 - LEVEL) / 2) ** (1 / samples[0].shape[1]) if value in (0, 1) else 1.0
-        low, high = (surely, 1.0) if value == 1 else (0.0, 1 - surely) if value == 0 else interval
+        all_agree = ((1 - LEVEL) / 2) ** (1 / samples[0].shape[1])
+        low, high = {1.0: (all_agree, 1.0), 0.0: (0.0, 1 - all_agree)}.get(value, interval)
         interval = max(low, 0.0), min(high, 1.0)
     by_seed = [sample.mean(axis=1) for sample in samples]
     choices = [float(combine(*choice)) for choice in itertools.product(*by_seed)]
