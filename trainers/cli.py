@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import os
+import signal
 import sys
 import time
 from collections import Counter
@@ -283,7 +284,7 @@ def watch(
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the report; what is finished there is not redone.")],
     quick: Annotated[bool, typer.Option(help="Test the shipped policies instead of training.")] = False,
-    seeds: Annotated[int, typer.Option(help="Training seeds of every experiment.")] = 5,
+    seeds: Annotated[int, typer.Option(help="Training seeds of every experiment.")] = 20,
     jobs: Annotated[int | None, typer.Option(help="Processes at once; default: 2, or 1 on one core.")] = None,
     publish: Annotated[Path | None, typer.Option(help="Folder for a copy without the runs.")] = None,
 ) -> None:
@@ -324,4 +325,5 @@ def main() -> None:
     except FileNotFoundError:
         print("swarm: the current folder must be there, but was removed: change to another", file=sys.stderr)
         raise SystemExit(2) from None
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it is like Ctrl-C
     app()

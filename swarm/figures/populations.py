@@ -215,7 +215,7 @@ def noise_sweep(
     label: str,
     policies: Sequence[str] | None = None,
 ) -> Figure:
-    """Mean gain, with its 95% bootstrap interval, against a perturbation's strength, a test per level."""
+    """Mean gain, with its 95% interval, against a perturbation's strength, a test per level."""
     if len(levels) != len(results) or not len(levels):
         raise ValueError(f"levels must be one for each of the results, got {len(levels)} and {len(results)}")
     figure = style.canvas(0.62, 0.42)

@@ -39,12 +39,12 @@ KINDS = {
 }
 COLUMNS: dict[str, str] = {  # of the table: what each of them says
     "gain": "mean gain over the cells",
-    "gain_low": "lower end of the 95% bootstrap interval of the mean gain",
-    "gain_high": "upper end of the 95% bootstrap interval of the mean gain",
+    "gain_low": "lower end of the 95% interval of the mean gain",
+    "gain_high": "upper end of the 95% interval of the mean gain",
     "std": "standard deviation of the gain over the cells",
     "ahead": "mean difference to greedy, cell by cell",
-    "ahead_low": "lower end of the 95% bootstrap interval of the mean difference to greedy",
-    "ahead_high": "upper end of the 95% bootstrap interval of the mean difference to greedy",
+    "ahead_low": "lower end of the 95% interval of the mean difference to greedy",
+    "ahead_high": "upper end of the 95% interval of the mean difference to greedy",
     "wins": "cells that gain more than under greedy",
 }
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from swarm.optimal import physical_limit as optimal
-from swarm.optimal import store as optimal_files
+from swarm.optimal import store
 from swarm.optimal.physical_limit import Optimal, bound, extrapolated, limit, limit_details
 from swarm.optimal.problem import problem_of
 from swarm.optimal.still import solve
@@ -40,7 +40,7 @@ COARSE = ((16, 24), (20, 24), (28, 32))
 
 @pytest.fixture(autouse=True)
 def _own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv(optimal_files.CACHE, str(tmp_path / "cache"))
+    monkeypatch.setenv(store.CACHE, str(tmp_path / "cache"))
 
 
 @pytest.fixture
@@ -160,21 +160,16 @@ def test_more_curvatures_to_choose_from_never_gain_less():
     assert np.all(three > two - 1e-3)
 
 
-def test_the_limit_is_a_gain_in_concentration():
-    starts = even_starts(World())
-    plain = limit(World(), starts)
-    assert limit(World(field=LinearField(offset=-7.0)), starts) == plain
-    assert limit(World(field=LinearField(gradient_scale=2.5)), starts) == pytest.approx(2.5 * plain)
-
-
-def test_the_limit_is_averaged_over_the_very_starts():
+def test_the_limit_is_a_gain_in_concentration_averaged_over_the_very_starts():
     world = World(life=3.0)
     starts = even_starts(world)
-    by_start = bound(world, starts)
+    plain, by_start = limit(world, starts), bound(world, starts)
+    assert limit(world.replace(field=LinearField(offset=-7.0)), starts) == plain
+    assert limit(world.replace(field=LinearField(gradient_scale=2.5)), starts) == pytest.approx(2.5 * plain)
     best = int(np.argmax(by_start))
     one = Starts(*(part[best : best + 1] for part in starts))
     assert limit(world, one) == pytest.approx(by_start[best], abs=1e-5)
-    assert by_start[best] > limit(world, starts) + 0.1
+    assert by_start[best] > plain + 0.1
 
 
 @pytest.mark.parametrize(
@@ -301,10 +296,8 @@ def test_the_bound_repeats_as_the_flow_does(coarse):
         assert bound(world, starts._replace(position=starts.position + np.array(shift))) == pytest.approx(
             here, abs=1e-6
         )
-    assert (
-        abs(bound(world, starts._replace(position=starts.position + np.array((half, 0.0)))) - here).max()
-        > 0.1
-    )
+    aside = bound(world, starts._replace(position=starts.position + np.array((half, 0.0))))
+    assert abs(aside - here).max() > 0.1
 
 
 def test_finer_grids_bring_the_limit_nearer_to_its_value_at_third_order():
@@ -339,88 +332,78 @@ def test_with_too_many_times_to_keep_all_tables_the_policy_is_the_same(monkeypat
 def stored(tmp_path):
     """A problem, its grids and the file that its tables were kept in."""
     problem, grids = problem_of(World(flow=TaylorGreen(), life=1.0)), ((8, 16),)
-    optimal_files.tables.__wrapped__(VortexTables, problem, grids)
+    store.tables.__wrapped__(VortexTables, problem, grids)
     (path,) = (tmp_path / "cache").glob("*.safetensors")
     return problem, grids, path
 
 
 def test_tables_are_computed_once(stored, monkeypatch, capsys):
     problem, grids, _ = stored
-    optimal_files.tables.__wrapped__(VortexTables, problem, ((8, 20),))
+    store.tables.__wrapped__(VortexTables, problem, ((8, 20),))
     assert "computing it once" in capsys.readouterr().err
     monkeypatch.setattr(VortexTables, "compute", None)
     for kept in (grids, ((8, 20),)):
-        optimal_files.tables.__wrapped__(VortexTables, problem, kept)
+        store.tables.__wrapped__(VortexTables, problem, kept)
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda data: b"",
-        lambda data: data[:5],
-        lambda data: data[:-1],
-        lambda data: data + b"\0",
-        lambda data: b"\xff" * 8 + data[8:],
-        lambda data: data[:-100] + bytes([data[-100] ^ 1]) + data[-99:],
-        lambda data: data.replace(b'\\"life\\": 1.0', b'\\"life\\": 2.0'),
-        lambda data: data.replace(b"chemoswarm", b"chemoswirl"),
-        lambda data: b"\x80\x04" + data,
-    ],
-    ids=[
-        "empty",
-        "no header",
-        "cut",
-        "longer",
-        "huge header",
-        "a flipped bit",
-        "another life",
-        "another",
-        "pickle",
-    ],
-)
-def test_a_damaged_file_is_replaced_and_that_is_said(stored, damage, capsys):
+DAMAGE = {
+    "empty": lambda data: b"",
+    "no header": lambda data: data[:5],
+    "cut": lambda data: data[:-1],
+    "longer": lambda data: data + b"\0",
+    "huge header": lambda data: b"\xff" * 8 + data[8:],
+    "a flipped bit": lambda data: data[:-100] + bytes([data[-100] ^ 1]) + data[-99:],
+    "another life": lambda data: data.replace(b'\\"life\\": 1.0', b'\\"life\\": 2.0'),
+    "another": lambda data: data.replace(b"chemoswarm", b"chemoswirl"),
+    "pickle": lambda data: b"\x80\x04" + data,
+}
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_a_damaged_file_is_replaced_and_that_is_said(stored, name, capsys):
     problem, grids, path = stored
     whole = path.read_bytes()
-    assert damage(whole) != whole
-    path.write_bytes(damage(whole))
+    damaged = DAMAGE[name](whole)
+    assert damaged != whole
+    path.write_bytes(damaged)
     capsys.readouterr()
-    optimal_files.tables.__wrapped__(VortexTables, problem, grids)
+    store.tables.__wrapped__(VortexTables, problem, grids)
     assert f"{path} is not used" in capsys.readouterr().err
     assert path.read_bytes() == whole
 
 
 def test_tables_of_wrong_shape_or_with_nan_are_not_used(stored):
     problem, grids, path = stored
-    key = optimal_files.key_of(VortexTables, problem, grids)
+    key = store.key_of(VortexTables, problem, grids)
     shapes = VortexTables.shapes(problem, grids)
-    tensors = optimal_files.read(path, key, shapes)
+    tensors = store.read(path, key, shapes)
     for wrong, why in [
         ({**tensors, "means": tensors["means"][1:]}, "means must be finite"),
         ({**tensors, "means": tensors["means"] * np.nan}, "means must be finite"),
         ({**tensors, "means": tensors["means"].astype(np.float32)}, "means must be finite"),
         ({"means": tensors["means"]}, "its tensors must be"),
     ]:
-        optimal_files.write(path, key, wrong)
+        store.write(path, key, wrong)
         with pytest.raises(ValueError, match=why):
-            optimal_files.read(path, key, shapes)
+            store.read(path, key, shapes)
 
 
 def test_where_nothing_can_be_kept_the_tables_are_there_all_the_same(tmp_path, monkeypatch, capsys):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    monkeypatch.setenv(optimal_files.CACHE, str(blocked))
+    monkeypatch.setenv(store.CACHE, str(blocked))
     problem = problem_of(World(flow=TaylorGreen(), life=1.0))
-    tables = optimal_files.tables.__wrapped__(VortexTables, problem, ((8, 16),))
+    tables = store.tables.__wrapped__(VortexTables, problem, ((8, 16),))
     assert "could not be written" in capsys.readouterr().err
     assert set(tables.tensors) == {"means", "coefficients", "components"}
 
 
 def test_the_cache_is_where_the_user_wants_it(monkeypatch, tmp_path):
-    assert optimal_files.cache_folder() == tmp_path / "cache"
-    monkeypatch.delenv(optimal_files.CACHE)
+    assert store.cache_folder() == tmp_path / "cache"
+    monkeypatch.delenv(store.CACHE)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert optimal_files.cache_folder() == tmp_path / "chemoswarm"
+    assert store.cache_folder() == tmp_path / "chemoswarm"
 
 
 def test_the_papers_flow_is_shipped(monkeypatch, capsys):
@@ -433,7 +416,7 @@ def test_the_papers_flow_is_shipped(monkeypatch, capsys):
     assert 71.0 < details.value < 73.0
     Optimal(world)
     assert capsys.readouterr().err == ""
-    assert sum(path.stat().st_size for path in optimal_files.SHIPPED.iterdir()) < 3e6
+    assert sum(path.stat().st_size for path in store.SHIPPED.iterdir()) < 3e6
 
 
 @pytest.mark.slow
@@ -464,9 +447,9 @@ def test_what_is_shipped_is_what_is_computed(tmp_path):
         kind, grids = (
             (VortexLimit, optimal.GRIDS) if "limit" in path.name else (VortexTables, (optimal.POLICY_GRID,))
         )
-        key, shapes = optimal_files.key_of(kind, problem, grids), kind.shapes(problem, grids)
-        fresh = kind(problem, grids, optimal_files.read(path, key, shapes))
-        shipped = kind(problem, grids, optimal_files.read(optimal_files.SHIPPED / path.name, key, shapes))
+        key, shapes = store.key_of(kind, problem, grids), kind.shapes(problem, grids)
+        fresh = kind(problem, grids, store.read(path, key, shapes))
+        shipped = kind(problem, grids, store.read(store.SHIPPED / path.name, key, shapes))
         assert fresh.tensors["means"] == pytest.approx(shipped.tensors["means"], abs=1e-3)
         if kind is VortexTables:
             grid = grid_of(problem, *grids[0])

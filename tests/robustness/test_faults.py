@@ -21,10 +21,9 @@ import torch
 import typer
 
 from swarm.envs.torchrl import SwarmEnv
-from tests.short_runs import assert_equal_runs, short_settings, start, whole
-from trainers import cli
+from tests.short_runs import assert_equal_runs, short_settings, whole
+from trainers import cli, training
 from trainers.algorithms import dqn
-from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run as running
 from trainers.training import run_folder as runs
@@ -386,15 +385,6 @@ def test_other_versions_are_said(monkeypatch, capsys):
     assert "numpy changed since the run began: it goes on, but not bit for bit" in capsys.readouterr().err
 
 
-def test_a_finished_run_says_so_and_is_left_as_it_is(capsys):
-    begin()
-    before = {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
-    capsys.readouterr()
-    resume()
-    assert "run is finished after 8 epochs; nothing is left" in capsys.readouterr().out
-    assert {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()} == before
-
-
 def test_a_run_killed_before_its_first_checkpoint_starts_again(monkeypatch, expected):
     run = broken_after(monkeypatch, 1)
     assert not (run.path / runs.CHECKPOINTS).exists()
@@ -538,6 +528,7 @@ def test_a_missing_package_is_said_before_there_is_a_folder(monkeypatch, capsys,
 
 def test_without_the_packages_for_training_there_is_no_folder(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "trainers.training.run", None)
+    monkeypatch.delattr(training, "run")
     assert "this needs a further package, chemoswarm[train] brings" in message(capsys, begin)
     assert not Path("run").exists()
 
@@ -549,19 +540,9 @@ def test_settings_are_checked_before_there_is_a_folder(capsys):
     assert not Path("runs").exists()
 
 
-def test_settings_that_break_a_rule_cannot_be_made():
-    with pytest.raises(SettingsError, match="epochs"):
-        settings_from_stored({"learning": {"epochs": 0}})
-
-
 def test_memory_that_runs_out_is_said(monkeypatch, capsys):
     def fail(run):
         raise MemoryError
 
     after(monkeypatch, 3, fail)
     assert "there was not enough memory; what was saved before is kept" in message(capsys, begin)
-
-
-def test_a_run_can_be_started_where_parents_are_missing():
-    start(Path("a/b/run"), SETTINGS)
-    assert sorted(path.name for path in Path("a/b/run").iterdir()) == ["run.json", "settings.yaml"]

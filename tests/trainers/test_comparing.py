@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from swarm.policies.policy_file import PolicyError
-from trainers.jobs.comparison import Contender, compare, grouped
+from swarm.population.intervals import mean_interval
+from trainers.jobs.comparison import Contender, Group, compare, grouped
 from trainers.settings.composition import settings_from
 
 
@@ -29,8 +30,18 @@ def test_a_run_that_claims_endless_seeds_ends_at_the_first_that_is_not_there(tmp
     (tmp_path / "settings.yaml").write_text(text)
     (tmp_path / "run.json").write_text('{"finished": true}')
     (tmp_path / "policy.safetensors").touch()
-    with pytest.raises(PolicyError, match=r"seed_0/policy.safetensors must be a policy file"):
+    with pytest.raises(PolicyError, match=r"seed_0/policy.safetensors is no policy"):
         compare([tmp_path], cells=2)
+
+
+def test_the_interval_of_a_group_is_over_its_seeds_and_the_cells_they_share():
+    gains = np.random.default_rng(0).normal(20.0, 3.0, (1, 40)) + np.array([[0.0], [0.1], [0.3]])
+    members = [contender(f"seed={seed}")._replace(gains=gain) for seed, gain in enumerate(gains)]
+    row = Group("alike", members).row()
+    assert [row["low"], row["high"]] == mean_interval(gains)
+    assert row["high"] - row["low"] > 2 * np.ptp(mean_interval(gains.mean(axis=1, keepdims=True)))
+    short = Group("short", [each._replace(limit=-0.1) for each in members]).row()  # lives of less than a turn
+    assert (short["limit"], short["fraction_of_limit"]) == (pytest.approx(-0.1), None)
 
 
 def test_runs_that_differ_in_the_seed_alone_are_one_group():

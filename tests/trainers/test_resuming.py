@@ -119,21 +119,6 @@ def test_a_run_stopped_and_resumed_after_every_epoch_ends_as_if_it_had_not(refer
     assert_equal_runs(run, expected)
 
 
-def test_a_run_that_crashed_before_its_first_checkpoint_starts_again(tmp_path):
-    settings = SETTINGS["swarm"]
-
-    def stop(made, seconds):
-        raise Crash
-
-    run = start(tmp_path / "run", settings)
-    with pytest.raises(Crash):
-        go_on(run, settings, stop)
-    assert not (run.path / "checkpoints").exists()
-    assert len(run.rows("metrics.csv")) == 1
-    go_on(run, settings)
-    assert_equal_runs(run, whole(tmp_path / "whole", settings))
-
-
 def test_a_run_that_is_resumed_at_its_end_is_as_it_was(tmp_path):
     settings = SETTINGS["swarm"]
     run, expected = whole(tmp_path / "run", settings), whole(tmp_path / "whole", settings)

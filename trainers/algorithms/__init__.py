@@ -2,5 +2,6 @@
 
 from trainers.algorithms.base import Algorithm
 from trainers.algorithms.dqn import DQN
+from trainers.algorithms.ppo import PPO
 
-ALGORITHMS: dict[str, type[Algorithm]] = {"dqn": DQN}
+ALGORITHMS: dict[str, type[Algorithm]] = {"dqn": DQN, "ppo": PPO}

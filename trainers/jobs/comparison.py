@@ -10,11 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm._support import files, provenance
-from swarm._support.tables import Table
+from swarm._support.tables import Table, percent, span
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
 from swarm.population.evaluation import LEARNT
+from swarm.population.intervals import mean_interval
 from swarm.population.results import RIVAL
+from swarm.population.statistics import fraction_of_limit
 from trainers.settings.composition import settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import run_folder as runs
@@ -46,14 +48,15 @@ class Group(NamedTuple):
         return np.array([member.gains.mean() for member in self.members])
 
     def row(self) -> dict[str, Any]:
-        """What the table says of the group; low and high: 95% t-interval of the mean over seeds."""
+        """What the table says of the group; low and high: 95% interval of the mean, over seeds and cells."""
         means = self.means
-        low, high = _interval(means)
+        interval = mean_interval(np.stack([member.gains for member in self.members]))
+        low, high = interval or (None, None)
         limits = [member.limit for member in self.members if member.limit is not None]
-        limit = float(np.mean(limits)) if len(limits) == len(self.members) else None
+        limit = float(np.mean(limits)) if len(limits) == len(means) else None
         return {
             "runs": self.label,
-            "seeds": len(self.members),
+            "seeds": len(means),
             "mean": float(means.mean()),
             "low": low,
             "high": high,
@@ -61,18 +64,8 @@ class Group(NamedTuple):
             "best": float(means.max()),
             "greedy": float(np.mean([member.greedy.mean() for member in self.members])),
             "limit": limit,
-            "fraction_of_limit": None if limit is None else float(means.mean() / limit),
+            "fraction_of_limit": fraction_of_limit(float(means.mean()), limit),
         }
-
-
-def _interval(means: np.ndarray) -> tuple[float | None, float | None]:
-    """Student's 95% interval of the mean of few numbers; none of one."""
-    if len(means) < 2:
-        return None, None
-    from scipy import stats
-
-    half = stats.t.ppf(0.975, len(means) - 1) * stats.sem(means)
-    return float(means.mean() - half), float(means.mean() + half)
 
 
 def compare(
@@ -143,13 +136,12 @@ def _told_by_names(key: str, described: Sequence[dict[str, Any]]) -> bool:
 
 def table(groups: Sequence[Group]) -> Table:
     """A row per group, best first."""
-    headings = ["runs", "seeds", "gain", "95% interval over seeds", "worst", "best", "greedy", "of the limit"]
+    headings = ["runs", "seeds", "gain", "95% interval", "worst", "best", "greedy", "of the limit"]
     rows = []
     for row in sorted((group.row() for group in groups), key=lambda each: -each["mean"]):
-        interval = None if row["low"] is None else f"{row['low']:.2f} … {row['high']:.2f}"
-        fraction = None if row["fraction_of_limit"] is None else f"{100 * row['fraction_of_limit']:.1f}%"
+        interval = None if row["low"] is None else span((row["low"], row["high"]))
         mean, *others = (f"{row[name]:.2f}" for name in ("mean", "worst", "best", "greedy"))
-        rows.append([row["runs"], row["seeds"], mean, interval, *others, fraction])
+        rows.append([row["runs"], row["seeds"], mean, interval, *others, percent(row["fraction_of_limit"])])
     return Table(headings, rows)
 
 

@@ -11,9 +11,8 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
-from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from trainers.jobs.terminal import Progress
@@ -35,35 +34,35 @@ class Task(NamedTuple):
 def run_tasks(tasks: Sequence[Task], executor: Executor, *, title: str) -> list[Any]:
     """Results of all tasks, or the exceptions they ended with; the longest are begun first.
 
-    Raises KeyboardInterrupt after Ctrl-C or SIGTERM, once what runs has saved and ended.
+    Raises KeyboardInterrupt after Ctrl-C, once what runs has saved and ended.
     """
     futures: dict[int, Future] = {}
 
     def ended(place: int, future: Future) -> None:
         if not future.cancelled():
             ending = f"failed: {future.exception()}" if future.exception() else "done"
-            count = sum(each.done() for each in [*futures.values()])
-            bar.say(f"{title} {count}/{len(tasks)}: {tasks[place].label} {ending}")
+            bar.say(f"{title} {count()}: {tasks[place].label} {ending}")
+
+    def count() -> str:
+        return f"{sum(future.done() for future in list(futures.values()))}/{len(tasks)}"
 
     def seconds_done() -> float:
-        done = {place for place, future in futures.items() if future.done()}
+        over = {place for place, future in futures.items() if future.done()}
         return sum(
-            task.seconds * (1.0 if place in done else task.part_done()) for place, task in enumerate(tasks)
+            task.seconds * (1.0 if place in over else task.part_done()) for place, task in enumerate(tasks)
         )
 
-    whole = sum(task.seconds for task in tasks)
-    with Progress(title, whole, seconds_done()) as bar, executor, _termination_interrupts():
+    with Progress(title, sum(task.seconds for task in tasks), seconds_done()) as bar, executor:
         try:
             for place in sorted(range(len(tasks)), key=lambda place: -tasks[place].seconds):
                 futures[place] = executor.submit(tasks[place].do, *tasks[place].arguments)
                 futures[place].add_done_callback(functools.partial(ended, place))
             while wait(futures.values(), timeout=1.0).not_done:
-                bar.show(seconds_done(), text=f"{sum(f.done() for f in futures.values())}/{len(tasks)}")
+                bar.show(seconds_done(), text=count())
         except KeyboardInterrupt:
             executor.shutdown(cancel_futures=True)
-            raise KeyboardInterrupt(
-                "stopped; what was done is kept, and the same command goes on from there"
-            ) from None
+            how = "stopped; what was done is kept, and the same command goes on from there"
+            raise KeyboardInterrupt(how) from None
     return [futures[place].exception() or futures[place].result() for place in range(len(tasks))]
 
 
@@ -133,21 +132,3 @@ def _follow_parent() -> None:
     while True:  # the first asks a training to save and stop, the next ends whatever is left
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(GRACE)
-
-
-@contextmanager
-def _termination_interrupts() -> Iterator[None]:
-    """Within, SIGTERM is like Ctrl-C."""
-
-    def interrupt(number: int, frame: Any) -> None:
-        raise KeyboardInterrupt
-
-    try:
-        previous = signal.signal(signal.SIGTERM, interrupt)
-    except ValueError:  # not in the main thread
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, previous)

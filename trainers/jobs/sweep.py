@@ -19,9 +19,8 @@ from swarm._support.checks import check_count, check_name
 from trainers.jobs.executors import Task, executor_for, run_tasks
 from trainers.settings.composition import SettingsError, key_of, readable, settings_from, settings_from_stored
 from trainers.settings.schema import Settings
-from trainers.training import run_folder as runs
 from trainers.training.machine import check_machine
-from trainers.training.run_folder import RunError, RunFolder
+from trainers.training.run_folder import RunError, RunFolder, is_run_folder
 
 FOLDER, LAUNCHER, JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
 MAX_NAME = 240  # [bytes] of a run's folder, whose temporary sibling has a name of at most 255
@@ -40,14 +39,17 @@ def sweep(words: Sequence[str]) -> None:
     for key in own:
         check_name("Hydra's own key of a sweep", key, (FOLDER, LAUNCHER, JOBS))
     launcher = check_name(LAUNCHER, own.get(LAUNCHER, "joblib"), ("basic", "joblib"))
-    workers = check_count(JOBS, _number(own.get(JOBS, "2")))
+    number = own.get(JOBS, "2")
+    workers = check_count(JOBS, int(number) if number.isdecimal() else number)
     combinations = expanded([word for word in words if not word.startswith("hydra")])
     wanted = [settings_from(combination) for combination in combinations]
     for settings in wanted:
         check_machine(settings)
     folder = Path(own.get(FOLDER) or f"runs/sweep-{datetime.now():%Y%m%d-%H%M%S}")
     paths = [folder / name for name in named(combinations)]
-    _make_folder(folder, paths, wanted)
+    for path, settings in zip(paths, wanted, strict=True):
+        _check_there(path, settings)
+    folder.mkdir(parents=True, exist_ok=True)
     print(f"{len(paths)} runs in {folder}")
     again = f"the same command with {FOLDER}={folder} goes on with them"
     tasks = [Task(path.name, train_one, (path, each)) for path, each in zip(paths, wanted, strict=True)]
@@ -56,7 +58,7 @@ def sweep(words: Sequence[str]) -> None:
     except KeyboardInterrupt as stopped:
         stopped.add_note(again)
         raise
-    done = sum(map(is_finished, paths))
+    done = sum(RunFolder(path).finished for path in paths)
     if done < len(paths):
         raise RunError(f"{len(paths) - done} of {len(paths)} runs did not finish; {again}")
     print(f"all {len(paths)} runs are in {folder}; swarm compare {folder}/* shows them side by side")
@@ -88,9 +90,7 @@ def expanded(words: Sequence[str]) -> list[list[str]]:
 
 def named(combinations: Sequence[Sequence[str]]) -> list[str]:
     """The name of each combination, by what is not the same in all of them; raises RunError for no name."""
-    fixed = {word for word in combinations[0] if all(word in each for each in combinations)}
-    if len(combinations) == 1:
-        fixed = set()
+    fixed = set(combinations[0]).intersection(*combinations[1:]) if len(combinations) > 1 else set()
     names = [",".join(sorted(set(combination) - fixed)) for combination in combinations]
     names = [name.replace(os.sep, "_") for name in names]  # of paths of data
     for name in names:
@@ -104,27 +104,14 @@ def named(combinations: Sequence[Sequence[str]]) -> list[str]:
     return names
 
 
-def is_finished(path: Path) -> bool:
-    """Whether `path` is the folder of a finished run."""
-    return runs.is_run_folder(path) and RunFolder(path).finished
-
-
-def _number(text: str) -> int | str:
-    return int(text) if text.isdecimal() else text
-
-
-def _make_folder(folder: Path, paths: Sequence[Path], wanted: Sequence[Settings]) -> None:
-    """Make the sweep's folder; raises RunError where it holds runs with other settings."""
-    for path, settings in zip(paths, wanted, strict=True):
-        if runs.is_run_folder(path) and (other := _differing(path, settings)):
-            raise RunError(f"{path} holds a run with another {other}: choose another {FOLDER}=DIR")
-    folder.mkdir(parents=True, exist_ok=True)
-
-
-def _differing(path: Path, settings: Settings) -> str:
-    """The settings in which a run that is there differs from these."""
+def _check_there(path: Path, settings: Settings) -> None:
+    """Raises RunError where a run with other settings is there."""
+    if not is_run_folder(path):
+        return
     try:
         stored = settings_from_stored(RunFolder.open(path)[1], path).identity()
+        other = ", ".join(key for key, value in settings.identity().items() if stored[key] != value)
     except (RunError, SettingsError) as error:
-        return f"version's settings ({error})"
-    return ", ".join(key for key, value in settings.identity().items() if stored[key] != value)
+        other = f"version's settings ({error})"
+    if other:
+        raise RunError(f"{path} holds a run with another {other}: choose another {FOLDER}=DIR")

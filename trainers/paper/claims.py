@@ -1,23 +1,193 @@
-"""The paper's claims, each with our measurement and a verdict that follows from its interval alone."""
+"""Claims: how a sentence of the paper is measured, and the verdict that follows from its interval alone.
+
+What is claimed, and by which criterion it is judged, is in `statements.yaml`.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Callable, Iterator, Sequence
+from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 
-from trainers.paper.intervals import Estimate, Summary, estimate, mean, off_gradient, spread
-from trainers.paper.measurements import DEVISED, Circle, Lives
+from swarm.population.intervals import LEVEL, margin
+from trainers.paper.measurements import DEVISED, Evidence, Lives, TrainingGains
 
 REPRODUCED, NOT_REPRODUCED, REVERSED = "reproduced", "not reproduced", "reversed"
-ROUND = 0.01  # a centreline is the predicted circle if it keeps to it within this part of the radius
-STRAIGHT = 1.0  # [degrees] up to which a migration follows the gradient
 TENTH = 0.1  # part of the epochs at either end of a training that are compared
+SIGNS = (1, -1, -1, 1)  # of the samples that a claim compares
+
+
+def difference(*numbers: Any) -> Any:
+    """The first number; less the second; less by how much the third exceeds the fourth."""
+    return sum(sign * number for sign, number in zip(SIGNS, numbers, strict=False))
+
+
+def loss(before: Any, after: Any) -> Any:
+    """The part of a number that is lost."""
+    return 1 - after / before
+
+
+class Estimate(NamedTuple):
+    """A number and how sure it is."""
+
+    value: float
+    interval: tuple[float, float] | None  # 95%, over training seeds and test cells; None for a single number
+    lowest: float  # over every choice of one seed from each sample
+    highest: float
+
+
+def estimate(*samples: np.ndarray, combine: Callable[..., Any] = difference) -> Estimate:
+    """`combine` of the samples' means; samples are (seeds, cells), all of the same cells.
+
+    The interval of what is not linear follows from its slopes. That of a part of the cells (bool) keeps
+    within 0 and 1, and is Clopper's and Pearson's for cells that all agree.
+    """
+    means = [float(sample.mean()) for sample in samples]
+    step = 1e-20j  # in the imaginary direction, which is exact
+    slopes = [
+        float(np.imag(combine(*means[:place], mean + step, *means[place + 1 :])) / step.imag)
+        for place, mean in enumerate(means)
+    ]
+    value = float(combine(*means))
+    half = margin(*samples, weights=slopes)
+    interval = None if half is None else (value - float(half), value + float(half))
+    if interval and samples[0].dtype == bool:
+        surely = ((1 - LEVEL) / 2) ** (1 / samples[0].shape[1]) if value in (0, 1) else 1.0
+        low, high = (surely, 1.0) if value == 1 else (0.0, 1 - surely) if value == 0 else interval
+        interval = max(low, 0.0), min(high, 1.0)
+    by_seed = [sample.mean(axis=1) for sample in samples]
+    choices = [float(combine(*choice)) for choice in itertools.product(*by_seed)]
+    return Estimate(value, interval, min(choices), max(choices))
+
+
+# --- what is measured: (seeds, cells) whose mean over the cells is the number of a seed ---------------------
+
+
+class Measure(NamedTuple):
+    """Something that is measured of every cell."""
+
+    values: Callable[[Any], np.ndarray]  # of Lives, a Circle or TrainingGains: (seeds, cells)
+    unit: str
+    combine: Callable[..., Any] = difference  # of the samples' means
+
+
+def _spread(lives: Lives) -> np.ndarray:
+    """Standard deviation of the gain over cells, to first order in each cell's weight."""
+    off = lives.gain - lives.gain.mean(axis=1, keepdims=True)
+    std = off.std(axis=1, keepdims=True)
+    return std + np.divide(off**2 - std**2, 2 * std, out=np.zeros_like(off), where=std > 0)
+
+
+def _turn(lives: Lives) -> tuple[np.ndarray, np.ndarray]:
+    """Angle (seeds, 1) of the mean drift to the left of +y [rad], and what each cell (seeds, cells) adds."""
+    drift = lives.drift[..., 1] - 1j * lives.drift[..., 0]
+    mean = drift.mean(axis=1, keepdims=True)
+    return np.angle(mean), np.imag(drift * mean.conj()) / np.abs(mean) ** 2
+
+
+def _uphill(lives: Lives) -> np.ndarray:
+    angle, turned = _turn(lives)
+    return np.cos(angle) - np.sin(angle) * turned
+
+
+def _rise(training: TrainingGains) -> np.ndarray:
+    gain = training.gain
+    length = max(1, round(TENTH * gain.shape[1]))
+    return (gain[:, -length:].mean(axis=1) - gain[:, :length].mean(axis=1))[:, None]
+
+
+MEASURES = {
+    "gain": Measure(lambda lives: lives.gain, "concentration"),
+    "part lost": Measure(lambda lives: lives.gain, "of the gain", loss),
+    "spread of the gain": Measure(_spread, "concentration, standard deviation over cells"),
+    "angle": Measure(lambda lives: np.degrees(sum(_turn(lives))), "degrees"),
+    "part of the way up": Measure(_uphill, "of the way leads up the gradient"),
+    "wave": Measure(lambda lives: lives.wave, "length"),
+    "part that breaks the pattern": Measure(lambda lives: lives.broken, "of the decisions"),
+    "part ahead of greedy": Measure(lambda lives: lives.ahead, "of the cells"),
+    "part that arrives": Measure(lambda lives: lives.arrived, "of the cells"),
+    "winding": Measure(lambda lives: np.degrees(lives.winding), "degrees"),
+    "rise": Measure(_rise, "concentration"),
+    "way back": Measure(lambda circle: circle.back, "steps of the centreline"),
+    "distance off the circle": Measure(lambda circle: circle.deviation, "of the radius"),
+}
+
+
+# --- verdicts -----------------------------------------------------------------------------------------------
+
+
+class Criterion(NamedTuple):
+    """What a claim says of a number: that it is > or < a bound, farther than it from 0 (±), or 1 (all)."""
+
+    sign: str
+    bound: float = 0.0
+
+    def __str__(self) -> str:
+        texts = {"±": f"farther than {self.bound:g} from 0", "all": "= 1"}
+        return texts.get(self.sign, f"{self.sign} {self.bound:g}")
+
+    def verdict(self, found: Estimate) -> str:
+        """`reproduced` where the whole interval satisfies it, `reversed` where the whole interval does not,
+        else `not reproduced`. Without an interval the value itself counts.
+
+        What all cells do is reproduced where all that were tested did, and reversed where most do not.
+        """
+        low, high = found.interval or (found.value, found.value)
+        if math.isnan(low) or math.isnan(high):
+            return NOT_REPRODUCED
+        if self.sign == "<":
+            low, high = -high, -low
+        bound = {"<": -self.bound, "all": 0.5}.get(self.sign, self.bound)
+        right, wrong = low > bound, high < bound
+        if self.sign == "±":
+            right, wrong = right or high < -bound, -bound < low and wrong
+        elif self.sign == "all":
+            right = found.value == 1
+        return REPRODUCED if right else REVERSED if wrong else NOT_REPRODUCED
+
+    def worst(self, found: Estimate) -> float:
+        """The number with the least favourable choice of seeds."""
+        low_is_worse = self.sign in (">", "all") or (self.sign == "±" and found.value > 0)
+        return found.lowest if low_is_worse else found.highest
+
+
+class Statement(NamedTuple):
+    """A sentence of the paper in our words, and how it is judged."""
+
+    id: str
+    text: str
+    measure: Measure
+    samples: Sequence[str]  # CASE/KIND of each
+    criterion: Criterion
+
+
+def statements() -> Iterator[Statement]:
+    """Every statement, in the paper's order."""
+    source = resources.files("trainers.paper") / "statements.yaml"
+    stored = yaml.safe_load(source.read_text(encoding="utf-8"))
+    names = {"": ""} | stored["names"]
+    for row in stored["statements"]:
+        for kind, case in itertools.product(row.get("kinds", [""]), row.get("cases", [""])):
+            words = {"kind": kind, "case": case, "setting": names[case], "subject": names[kind]}
+            words["Subject"] = words["subject"].capitalize()
+            measure, _, samples = row["number"].format(**words).rpartition(" of ")
+            sign, _, bound = row["is"].partition(" ")
+            yield Statement(
+                row["id"].format(**words),
+                row["text"].format(**words),
+                MEASURES[measure],
+                samples.split(),
+                Criterion(sign, float(bound or 0)),
+            )
 
 
 class Claim(NamedTuple):
-    """A sentence of the paper in our words, what was measured, and what follows."""
+    """A statement, what was measured, and what follows."""
 
     id: str
     claim: str
@@ -27,246 +197,45 @@ class Claim(NamedTuple):
     interval: tuple[float, float] | None  # 95%, over training seeds and test cells
     criterion: str  # on the whole interval
     seeds: tuple[int, ...]  # of training
+    spread_of_seeds: float | None  # standard deviation, where one stack of several seeds is measured
     worst_seed: float | None  # the measurement with the least favourable choice of seeds
     verdict: str
-    details: dict[str, Any]
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain values for claims.json."""
-        interval = None if self.interval is None else list(self.interval)
-        return self._asdict() | {"interval": interval, "seeds": list(self.seeds)}
+    by_seed: dict[str, list[float]]  # the number of every seed in each sample
 
 
-def judged(found: Estimate, *, above: float | None = None, below: float | None = None) -> str:
-    """`reproduced` where the interval lies wholly on the claimed side of the bound, `reversed` where it lies
-    wholly on the other, else `not reproduced`. Without an interval the value itself counts.
-    """
-    low, high = found.interval or (found.value, found.value)
-    if math.isnan(low) or math.isnan(high):
-        return NOT_REPRODUCED
-    if below is not None:
-        low, high, above = -high, -low, -below
-    assert above is not None
-    if low > above:
-        return REPRODUCED
-    return REVERSED if high < above else NOT_REPRODUCED
-
-
-def claim(
-    identity: str,
-    text: str,
-    recipe: str,
-    combine: Any,
-    *samples: np.ndarray,
-    seeds: tuple[int, ...] = (),
-    summary: Summary = mean,
-    unit: str = "concentration",
-    above: float | None = None,
-    below: float | None = None,
-    seed: int = 0,
-    **details: Any,
-) -> Claim:
-    """The claim that `combine` of the samples' summaries is `above` (default: 0) or `below` a bound."""
-    if above is None and below is None:
-        above = 0.0
-    found = estimate(combine, *samples, summary=summary, seed=seed)
-    sign, bound = (">", above) if below is None else ("<", below)
+def judged(statement: Statement, evidence: Evidence, recipe: str) -> Claim | None:
+    """The verdict on a statement under a recipe; None where something was not measured."""
+    found = [evidence.sample(where, recipe) for where in statement.samples]
+    samples = [statement.measure.values(each) for each in found if each is not None]
+    if len(samples) < len(found):
+        return None
+    seeds = next((each.seeds for each in found if each is not None and each.seeds), ())
+    number = estimate(*samples, combine=statement.measure.combine)
+    by_seed = {
+        where: sample.mean(axis=1).tolist() for where, sample in zip(statement.samples, samples, strict=True)
+    }
+    several = len(samples) == 1 < len(seeds)
     return Claim(
-        id=identity,
-        claim=text,
-        recipe=recipe or None,
-        measurement=found.value,
-        unit=unit,
-        interval=found.interval,
-        criterion=f"{sign} {bound:g}",
+        id=statement.id,
+        claim=statement.text,
+        recipe=recipe if seeds else None,
+        measurement=number.value,
+        unit=statement.measure.unit,
+        interval=number.interval,
+        criterion=str(statement.criterion),
         seeds=seeds,
-        worst_seed=(found.lowest if below is None else found.highest) if seeds else None,
-        verdict=judged(found, above=above, below=below),
-        details=details,
+        spread_of_seeds=float(np.std(next(iter(by_seed.values())), ddof=1)) if several else None,
+        worst_seed=statement.criterion.worst(number) if seeds else None,
+        verdict=statement.criterion.verdict(number),
+        by_seed=by_seed,
     )
 
 
-# --- swinging and greedy, which nobody trains ---------------------------------------------------------------
-
-
-def swinging_returns(name: str, setting: str, circle: Circle) -> Claim:
-    """Swinging leads back to the start."""
-    return claim(
-        f"swinging_returns_{name}",
-        f"With {setting} a cell that swings comes back to where it began: after a revolution a centre of "
-        "curvature lies less than one step of the centreline from the first.",
-        DEVISED,
-        lambda back: back,
-        circle.back,
-        unit="steps of the centreline",
-        below=1.0,
-        revolution=circle.revolution,
-    )
-
-
-def swinging_circle(name: str, setting: str, circle: Circle) -> Claim:
-    """Its centreline is a circle of the predicted radius."""
-    return claim(
-        f"swinging_circle_{name}",
-        f"With {setting} the centreline of swinging is an arc, in time a whole circle: every centre of "
-        f"curvature keeps to the predicted circle within {100 * ROUND:g}% of its radius.",
-        DEVISED,
-        lambda deviation: deviation,
-        circle.deviation,
-        unit="part of the radius",
-        below=ROUND,
-        fitted_radius=float(circle.fitted.mean()),
-        predicted_radius=circle.predicted,
-    )
-
-
-# --- one stack of seeds against another ---------------------------------------------------------------------
-
-
-def higher(identity: str, text: str, recipe: str, better: Lives, worse: Lives, **options: Any) -> Claim:
-    """The first gains more than the second, on the same cells."""
-    return claim(
-        identity,
-        text,
-        recipe,
-        np.subtract,
-        better.gain,
-        worse.gain,
-        seeds=better.seeds or worse.seeds,
-        **options,
-    )
-
-
-def narrower(identity: str, text: str, recipe: str, narrow: Lives, wide: Lives, **options: Any) -> Claim:
-    """Gains of the first vary less from cell to cell than those of the second."""
-    return claim(
-        identity,
-        text,
-        recipe,
-        lambda less, more: more - less,
-        narrow.gain,
-        wide.gain,
-        seeds=narrow.seeds,
-        summary=spread,
-        unit="concentration, standard deviation over cells",
-        spreads=[float(lives.gain.std(axis=1).mean()) for lives in (narrow, wide)],
-        **options,
-    )
-
-
-def lead_grows(
-    identity: str,
-    text: str,
-    recipe: str,
-    before: tuple[Lives, Lives],
-    after: tuple[Lives, Lives],
-    **options: Any,
-) -> Claim:
-    """The lead of the first of each pair over the second is larger after than before."""
-    return claim(
-        identity,
-        text,
-        recipe,
-        lambda a, b, c, d: (a - b) - (c - d),
-        after[0].gain,
-        after[1].gain,
-        before[0].gain,
-        before[1].gain,
-        seeds=after[0].seeds,
-        **options,
-    )
-
-
-def off_the_gradient(identity: str, text: str, recipe: str, lives: Lives, **options: Any) -> Claim:
-    """Migration makes an angle with the gradient; its sign is positive to the left of it."""
-    signed = np.degrees(np.angle(lives.off_gradient.mean(axis=1)))
-    return claim(
-        identity,
-        text,
-        recipe,
-        lambda angle: angle,
-        lives.off_gradient,
-        seeds=lives.seeds,
-        summary=off_gradient,
-        unit="degrees",
-        above=STRAIGHT,
-        signed_by_seed=signed.tolist(),
-        **options,
-    )
-
-
-def straighter(
-    identity: str, text: str, recipe: str, straight: Lives, oblique: Lives, **options: Any
-) -> Claim:
-    """Migration of the first is nearer to the gradient than that of the second."""
-    return claim(
-        identity,
-        text,
-        recipe,
-        lambda less, more: more - less,
-        straight.off_gradient,
-        oblique.off_gradient,
-        seeds=straight.seeds or oblique.seeds,
-        summary=off_gradient,
-        unit="degrees",
-        **options,
-    )
-
-
-# --- training and the egg -----------------------------------------------------------------------------------
-
-
-def gain_rises(
-    identity: str, text: str, recipe: str, gain: np.ndarray, seeds: tuple[int, ...], **options: Any
-) -> Claim:
-    """Gains (seeds, epochs) of the training cells: the last tenth of the epochs less the first."""
-    length = max(1, round(TENTH * gain.shape[1]))
-    first, last = (part.mean(axis=1, keepdims=True) for part in (gain[:, :length], gain[:, -length:]))
-    return claim(
-        identity,
-        text,
-        recipe,
-        lambda rise: rise,
-        last - first,
-        seeds=seeds,
-        first_tenth=float(first.mean()),
-        last_tenth=float(last.mean()),
-        **options,
-    )
-
-
-def everyone_arrives(identity: str, text: str, recipe: str, lives: Lives, *, seed: int = 0) -> Claim:
-    """All cells of all seeds reach the egg; reversed where most do not."""
-    found = estimate(lambda part: part, lives.arrived.astype(float), seed=seed)
-    reversed_ = judged(found, above=0.5) == REVERSED
-    everyone = bool(lives.arrived.all())
-    return Claim(
-        id=identity,
-        claim=text,
-        recipe=recipe or None,
-        measurement=float(lives.arrived.mean()),
-        unit="part of the cells",
-        interval=found.interval,
-        criterion="= 1",
-        seeds=lives.seeds,
-        worst_seed=float(lives.arrived.mean(axis=1).min()) if lives.seeds else None,
-        verdict=REPRODUCED if everyone else REVERSED if reversed_ else NOT_REPRODUCED,
-        details={"slowest": float(lives.lifetime.max()), "mean_time": float(lives.lifetime.mean())},
-    )
-
-
-def centrelines_spiral(identity: str, text: str, recipe: str, lives: Lives, **options: Any) -> Claim:
-    """Centrelines keep an angle to the way to the egg."""
-    return claim(
-        identity,
-        text,
-        recipe,
-        lambda angle: angle,
-        np.exp(1j * lives.spiral),
-        seeds=lives.seeds,
-        summary=off_gradient,
-        unit="degrees",
-        above=STRAIGHT,
-        signed_by_seed=np.degrees(lives.spiral.mean(axis=1)).tolist(),
-        **options,
-    )
+def all_claims(evidence: Evidence, recipes: Sequence[str]) -> list[Claim]:
+    """Every statement whose measurements are there: once if nobody trains for it, else under each recipe."""
+    found: dict[tuple[str, str | None], Claim] = {}
+    for statement in statements():
+        for recipe in recipes or (DEVISED,):
+            if (claim := judged(statement, evidence, recipe)) is not None:
+                found.setdefault((claim.id, claim.recipe), claim)
+    return list(found.values())

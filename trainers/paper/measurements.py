@@ -1,24 +1,21 @@
-"""Tests of whole stacks of training seeds, all on the same fresh cells, and what is read off the lives."""
+"""Lives of whole stacks of training seeds, all on the same fresh cells, and what is read off them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from swarm.optimal import physical_limit as optimal
-from swarm.physics.starts import draw_starts
+from swarm.physics.starts import Starts, draw_starts
 from swarm.physics.world import World
 from swarm.policies.network import Network
-from swarm.policies.policy import Policy
-from swarm.policies.strategies import Swinging
-from swarm.population.contest import population_test
+from swarm.policies.policy import AnyPolicy
+from swarm.policies.strategies import Greedy, Swinging
+from swarm.population.contest import lives
 from swarm.population.results import RIVAL
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 DEVISED = ""  # the recipe of strategies that nobody trained
 
@@ -48,89 +45,24 @@ class Case(NamedTuple):
     cells: int
     seed: int
 
+    @property
+    def recipes(self) -> list[str]:
+        """Whose policies are tested."""
+        return list(dict.fromkeys(stack.recipe for stack in self.stacks))
+
 
 class Lives(NamedTuple):
-    """What is kept of every cell's life under every policy of a stack."""
+    """What is kept of every cell's life under every policy of a stack, all (seeds, cells, ...)."""
 
     seeds: tuple[int, ...]  # of training; none for a strategy
-    gain: np.ndarray  # (seeds, cells) [concentration]
-    arrived: np.ndarray  # (seeds, cells) bool
-    lifetime: np.ndarray  # (seeds, cells) [time]
+    gain: np.ndarray  # [concentration]
+    arrived: np.ndarray  # bool
+    lifetime: np.ndarray  # [time]
     drift: np.ndarray  # (seeds, cells, 2) way of the centre of curvature from start to end [length]
-    spiral: np.ndarray  # (seeds, cells) angle between the centreline and the way to the egg [rad]; else NaN
-
-    @property
-    def off_gradient(self) -> np.ndarray:
-        """Drift (seeds, cells) as complex numbers, along +y and to the left of it."""
-        return self.drift[..., 1] - 1j * self.drift[..., 0]
-
-
-class Measured(NamedTuple):
-    """Outcome of a case."""
-
-    limit: float | None  # for the very starts that were tested
-    limit_error: float | None  # about how far off the limit may be
-    lives: dict[tuple[str, str], Lives]  # by recipe and kind
-
-
-def measure(case: Case) -> Measured:
-    """Live every cell's life under every policy of the case."""
-    devised: dict[str, Policy] = {} if case.world.in_flow or case.world.egg else {"swinging": Swinging()}
-    results = _test(case, devised)
-    lives = {(DEVISED, name): _lives(case.world, results, [name]) for name in (RIVAL, *devised)}
-    for stack in case.stacks:
-        named: dict[str, Policy] = {
-            f"seed {seed}": policy for seed, policy in zip(stack.seeds, stack.policies, strict=True)
-        }
-        results = _test(case, named)
-        found = _lives(case.world, results, list(named))
-        lives[stack.recipe, stack.kind] = found._replace(seeds=stack.seeds)
-    details = optimal.limit_details(case.world, draw_starts(case.world, case.cells, case.seed))
-    limit, error = (None, None) if details is None else (float(details.value), float(details.error))
-    return Measured(limit, error, lives)
-
-
-def _test(case: Case, policies: dict[str, Policy]) -> xr.Dataset:
-    return population_test(
-        case.world, policies, cells=case.cells, life=case.world.life, seed=case.seed, limit=False
-    )
-
-
-def _lives(world: World, results: xr.Dataset, names: Sequence[str]) -> Lives:
-    chosen = results.sel(policy=list(names))
-    centres = chosen["centre"].values.astype(float)  # (policies, cells, decisions + 1, 2)
-    last = np.isfinite(centres[..., 0]).sum(axis=-1) - 1
-    end = np.take_along_axis(centres, last[..., None, None], axis=2)[:, :, 0]
-    spiral = np.full(last.shape, math.nan)
-    if world.egg is not None:
-        for place in np.ndindex(spiral.shape):
-            spiral[place] = spiral_angle(centres[place][: last[place] + 1], world.egg)
-    return Lives(
-        seeds=(),
-        gain=chosen["gain"].values,
-        arrived=chosen["arrived"].values,
-        lifetime=chosen["lifetime"].values,
-        drift=end - centres[:, :, 0],
-        spiral=spiral,
-    )
-
-
-def spiral_angle(centres: np.ndarray, egg: tuple[tuple[float, float], float]) -> float:
-    """Angle between a centreline (places, 2) and the way to the egg, counter-clockwise [rad].
-
-    A line that keeps an angle ψ to the way inwards is a logarithmic spiral, φ = tan ψ ln r + constant: ψ is
-    fitted to the part outside the egg. NaN where that is too short.
-    """
-    (x, y), radius = egg
-    distance = np.hypot(centres[:, 0] - x, centres[:, 1] - y)
-    inside = np.flatnonzero(distance <= radius)
-    outside = slice(0, inside[0] if len(inside) else None)
-    log_distance = np.log(distance[outside])
-    if len(log_distance) < 2 or np.ptp(log_distance) == 0:
-        return math.nan
-    angle = np.unwrap(np.arctan2(centres[outside, 1] - y, centres[outside, 0] - x))
-    slope = np.polyfit(log_distance - log_distance.mean(), angle - angle.mean(), 1)[0]
-    return math.atan(slope)
+    wave: np.ndarray  # root mean square distance of the centreline from a straight line [length]
+    winding: np.ndarray  # angle around the egg from start to arrival, counter-clockwise [rad]; or NaN
+    broken: np.ndarray  # part of the decisions that break the swinging pattern
+    ahead: np.ndarray  # bool: gains more than the same cell under greedy
 
 
 class Circle(NamedTuple):
@@ -141,30 +73,134 @@ class Circle(NamedTuple):
     deviation: np.ndarray  # (1, cells) the farthest that a centre lies off its predicted circle, per radius
     back: np.ndarray  # (1, cells) how near the centreline comes to where it began [steps of it]
     revolution: float  # [time] once around
+    seeds: tuple[int, ...] = ()
+
+
+class TrainingGains(NamedTuple):
+    """Gains of the training cells, which explore."""
+
+    seeds: tuple[int, ...]
+    gain: np.ndarray  # (seeds, epochs)
+
+
+class Measured(NamedTuple):
+    """Outcome of a case."""
+
+    limit: float | None  # for the very starts that were tested
+    limit_error: float | None  # about how far off the limit may be
+    lives: dict[tuple[str, str], Lives]  # by recipe and kind
+
+
+class Evidence(NamedTuple):
+    """Everything that was measured."""
+
+    cases: Mapping[str, Measured]
+    circles: Mapping[str, Circle]
+    training: Mapping[tuple[str, str], TrainingGains]  # by recipe and experiment
+
+    def sample(self, where: str, recipe: str) -> Lives | Circle | TrainingGains | None:
+        """What was measured of CASE/KIND under a recipe, if it was; a strategy is the same under each.
+
+        The kinds `training` and `circle` are a case's training gains and its circle of swinging.
+        """
+        case, kind = where.split("/")
+        if kind == "circle":
+            return self.circles.get(case)
+        if kind == "training":
+            return self.training.get((recipe, case))
+        found = self.cases[case].lives if case in self.cases else {}
+        return found.get((DEVISED, kind)) or found.get((recipe, kind))
+
+
+def measure(case: Case) -> Measured:
+    """Live every cell's life under every policy of the case."""
+    starts = draw_starts(case.world, case.cells, case.seed)
+    devised: dict[str, AnyPolicy] = {RIVAL: Greedy()}
+    if not case.world.in_flow and case.world.egg is None:
+        devised |= {"swinging": Swinging(), "optimal": optimal.Optimal(case.world)}
+    found = {(DEVISED, name): _lives(case, starts, (), [policy]) for name, policy in devised.items()}
+    for stack in case.stacks:
+        found[stack.recipe, stack.kind] = _lives(case, starts, stack.seeds, stack.policies)
+    greedy = found[DEVISED, RIVAL].gain
+    found = {key: each._replace(ahead=each.gain > greedy) for key, each in found.items()}
+    details = optimal.limit_details(case.world, starts)
+    limit, error = (None, None) if details is None else (float(details.value), float(details.error))
+    return Measured(limit, error, found)
+
+
+def _lives(case: Case, starts: Starts, seeds: tuple[int, ...], policies: Sequence[AnyPolicy]) -> Lives:
+    world, rows = case.world, []
+    for policy in policies:
+        lived = lives(world, policy, starts, case.seed, name=case.name, population="test", record=True)
+        drift, wave = centreline(lived["centre"])
+        winding = np.full(case.cells, math.nan)
+        if world.egg is not None:
+            winding = wound(lived["centre"], world.egg)
+        broken = pattern_broken(lived["curvature"], world.n_records)
+        row = lived["gain"], lived["arrived"], lived["lifetime"], drift, wave, winding, broken
+        rows.append((*row, np.zeros(case.cells, bool)))
+    return Lives(seeds, *(np.stack(column) for column in zip(*rows, strict=True)))
+
+
+def centreline(centres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Way (cells, 2) from start to end of lines (cells, places, 2), NaN after their ends; and their wave.
+
+    The wave (cells,) is the root mean square distance from the straight line that makes it smallest.
+    """
+    lived = np.isfinite(centres[..., 0])
+    count = lived.sum(axis=1)
+    places = np.where(lived[..., None], centres, 0.0).astype(float)
+    way = places[np.arange(len(places)), count - 1] - places[:, 0]
+    local = np.where(lived[..., None], places - (places.sum(axis=1) / count[:, None])[:, None], 0.0)
+    covariance = np.einsum("cpi,cpj->cij", local, local) / count[:, None, None]
+    return way, np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, 0], 0.0))
+
+
+def wound(centres: np.ndarray, egg: tuple[tuple[float, float], float]) -> np.ndarray:
+    """Angle (cells,) that lines (cells, places, 2) wind around the egg's middle until they reach it [rad].
+
+    Counter-clockwise; 0 for a line that begins in the egg.
+    """
+    (x, y), radius = egg
+    local = centres.astype(float) - (x, y)
+    outside = np.hypot(local[..., 0], local[..., 1]) > radius  # not where a life is over
+    last = np.cumprod(outside, axis=1).sum(axis=1) - 1
+    angle = np.unwrap(np.arctan2(local[..., 1], local[..., 0]), axis=1)
+    return np.where(last > 0, angle[np.arange(len(angle)), last] - angle[:, 0], 0.0)
+
+
+def pattern_broken(curvature: np.ndarray, n_records: int) -> np.ndarray:
+    """Part (cells,) of the decisions that break the swinging pattern, in curvatures (cells, decisions + 1).
+
+    In the pattern the curvature changes every N_T/2 decisions, so that each decision differs from the one
+    N_T/2 before it. One that does not breaks the pattern; of those that chance chooses half do.
+    """
+    chosen, half = curvature[:, 1:], max(1, n_records // 2)
+    lived = np.isfinite(chosen[:, half:])
+    same = np.isclose(chosen[:, half:], chosen[:, :-half]) & lived
+    return same.sum(axis=1) / np.maximum(lived.sum(axis=1), 1)
 
 
 def swinging_circle(world: World, *, cells: int, seed: int) -> Circle:
     """Let cells swing for a little more than once around, and fit circles to their centres of curvature."""
     radii, step, revolution = predicted_circle(world)
-    life = 1.25 * revolution
-    results = population_test(world, {"swinging": Swinging()}, cells=cells, life=life, seed=seed, limit=False)
-    lives = results.sel(policy="swinging")
+    world = world.replace(life=1.25 * revolution)
+    starts = draw_starts(world, cells, seed)
+    lived = lives(world, Swinging(), starts, seed, name="swinging", population="test", record=True)
+    time, curvature, centre = (lived[name][:, 1:].astype(float) for name in ("time", "curvature", "centre"))
     fitted, deviation, back = np.empty((3, 1, cells))
     for cell in range(cells):
-        one = lives.isel(cell=cell)
-        curvature, time = one["curvature"].values[1:].astype(float), one["time"].values[1:]
-        centre = one["centre"].values[1:].astype(float)
+        first, last = (np.isclose(curvature[cell], world.curvatures[end]) for end in (0, -1))
         off = []
-        for radius, kappa in zip(radii, (world.curvatures[0], world.curvatures[-1]), strict=True):
-            points = centre[np.isclose(curvature, kappa)]
+        for radius, chosen in zip(radii, (first, last), strict=True):
+            points = centre[cell][chosen]
             middle, found = fit_circle(points)
             off.append(np.max(np.abs(np.linalg.norm(points - middle, axis=1) - radius)) / radius)
-            if kappa == world.curvatures[0]:
+            if chosen is first:
                 fitted[0, cell] = found
         deviation[0, cell] = max(off)
-        first = np.isclose(curvature, world.curvatures[0])
-        later = centre[first & (time > 0.5 * revolution)]
-        back[0, cell] = np.min(np.linalg.norm(later - centre[first][0], axis=1)) / step
+        later = centre[cell][first & (time[cell] > 0.5 * revolution)]
+        back[0, cell] = np.min(np.linalg.norm(later - centre[cell][first][0], axis=1)) / step
     return Circle(fitted, radii[0], deviation, back, revolution)
 
 

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarm.physics.world import World
-from trainers.paper.statements import EGG, RECORDS, STEADY, VARYING, VORTICES
-from trainers.settings.composition import settings_from
-from trainers.settings.learning import DQNSettings
+from trainers.settings.composition import SettingsError, settings_from, settings_from_stored
 from trainers.settings.schema import Settings
+from trainers.training.run_folder import RunError, RunFolder, is_run_folder
 
+RECORDS = {"linear_n2": 2, "linear_n4": 4, "linear_n8": 8}  # N_T of the cases with one speed
+STEADY, VARYING, EGG, VORTICES = "linear_n4", "varying_speed", "radial", "taylor_green"
 AWARE, BLIND = "taylor_green_aware", "taylor_green_blind"
 EXPERIMENTS = (*RECORDS, VARYING, EGG, AWARE, BLIND)
 # the world of a test, and which trainings are tested in it, by what figures call them
@@ -29,22 +30,21 @@ class Plan:
 
     quick: bool = False  # test the shipped policies instead of training
     recipes: tuple[str, ...] = ("swarm", "paper")
-    n_seeds: int = 5  # training seeds of each experiment: 0, 1, …
+    n_seeds: int = 20  # training seeds of each experiment: 0, 1, …
     cells: int = 400  # of a test; none of them was ever seen in training or validation
     radial_cells: int = 100  # of the test around the egg
     swinging_cells: int = 40  # whose circles are fitted
     figure_cells: int = 40  # in figures: the first of the test's
     radial_figure_cells: int = 9
     radial_reach: float = 30.0  # they start in a square around the egg, so far to each side [length]
-    seed: int = 100  # of the test population and the bootstrap
+    seed: int = 100  # of the test population
     words: tuple[str, ...] = ()  # settings of every training that differ from its recipe's
     experiments: tuple[str, ...] = EXPERIMENTS
     workers: int = dataclasses.field(default_factory=lambda: min(2, os.cpu_count() or 1))  # processes at once
 
     def settings(self, recipe: str, experiment: str) -> Settings:
-        """Settings of a training."""
-        words = (f"recipe={recipe}", f"experiment={experiment}", f"n_seeds={self.n_seeds}")
-        return _composed(*words, "tensorboard=false", *self.words)
+        """Settings of an experiment's trainings, of its first seed."""
+        return _composed(f"recipe={recipe}", f"experiment={experiment}", "tensorboard=false", *self.words)
 
     def test_world(self, test: str) -> World:
         """The world of a test; it is the same under every recipe."""
@@ -68,42 +68,51 @@ class Training(NamedTuple):
     settings: Settings
     folder: Path
 
+    @property
+    def run(self) -> str:
+        """Its run within the folder of runs."""
+        return f"{self.folder.parent.name}/{self.folder.name}"
+
+    @property
+    def decisions(self) -> float:
+        """Decisions of one cell of every seed: roughly in their ratio trainings take their time."""
+        settings = self.settings
+        return float(settings.learning.epochs * settings.training_world().max_decisions * settings.n_seeds)
+
 
 def trainings(plan: Plan, out: Path) -> list[Training]:
-    """Every training of the plan; raises SettingsError."""
+    """Every training of the plan; raises SettingsError.
+
+    Seeds are added to those of an earlier reproduction: a second run, FOLDER-from-5, trains those from 5 on.
+    """
     found: list[Training] = []
     for recipe in plan.recipes:
         for experiment in plan.experiments:
-            settings = plan.settings(recipe, experiment)
-            same = learnt(settings, shared=True)
-            alike = [each.folder for each in found if learnt(each.settings, shared=True) == same]
-            folder = alike[0] if alike else out / RUNS / recipe / experiment
-            found.append(Training(recipe, experiment, settings, folder))
+            whole = plan.settings(recipe, experiment)
+            alike = [each for each in found if learnt(each.settings) == learnt(whole)]
+            base = out / RUNS / recipe / (alike[0].experiment if alike else experiment)
+            first = 0
+            while first < plan.n_seeds:
+                folder = base.with_name(f"{base.name}-from-{first}") if first else base
+                count = plan.n_seeds - first
+                if 0 < (there := _seeds_of(folder)) < count:
+                    count = there
+                settings = dataclasses.replace(whole, seed=first, n_seeds=count)
+                found.append(Training(recipe, experiment, settings, folder))
+                first += count
     return found
 
 
-def learnt(settings: Settings, *, shared: bool = False) -> dict[str, Any]:
-    """What decides the policies that come out; `shared`: whatever the experiment is called."""
-    left_out = {"evaluation", "evaluate", "checkpoint_every", "tensorboard", "wandb"}
-    left_out |= {"experiment"} if shared else set()
+def _seeds_of(folder: Path) -> int:
+    """How many seeds a run that is there has trained; 0 where there is none that can be read."""
+    try:
+        return settings_from_stored(RunFolder.open(folder)[1]).n_seeds if is_run_folder(folder) else 0
+    except (RunError, SettingsError):
+        return 0
+
+
+def learnt(settings: Settings, *, seeds: bool = False) -> dict[str, Any]:
+    """What decides the policies that come out, whatever the experiment is called; also its `seeds`."""
+    left_out = {"experiment", "evaluation", "evaluate", "checkpoint_every", "tensorboard", "wandb"}
+    left_out |= set() if seeds else {"seed", "n_seeds"}
     return {name: value for name, value in dataclasses.asdict(settings).items() if name not in left_out}
-
-
-def expected_seconds(settings: Settings) -> float:
-    """Roughly what a training takes on one core: the costs of decisions and updates were measured once."""
-    learning, world, seeds = settings.learning, settings.training_world(), settings.n_seeds
-
-    def decision(cells: int) -> float:
-        return 1.6e-4 + (8e-7 if world.in_flow else 3e-7) * cells * seeds
-
-    assert isinstance(learning, DQNSettings)
-    checked = settings.validation
-    validations = learning.epochs / checked.every
-    rounds = world.max_decisions / (learning.collect or world.max_decisions)
-    nodes = sum(learning.hidden)
-    update = 3e-4 + 2.5e-8 * learning.batch_size * seeds * nodes
-    epoch = world.max_decisions * decision(learning.n_swimmers * learning.n_worlds)
-    epoch += rounds * learning.updates * update
-    return learning.epochs * epoch + validations * world.replace(life=checked.life).max_decisions * decision(
-        checked.cells
-    )

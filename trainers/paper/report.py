@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from swarm._support import provenance
-from trainers.paper import tables
+from swarm._support.tables import NOTHING, Table
 from trainers.paper.claims import Claim
 from trainers.paper.illustrations import Drawing
-from trainers.paper.measurements import Case
+from trainers.paper.measurements import Case, Evidence
 from trainers.paper.plan import Plan
-from trainers.paper.statements import VORTICES, Evidence
-from trainers.paper.tables import Row
+from trainers.paper.tables import AUTHORS_TEST, Row, worst_against_best
 
 
 def text(
@@ -35,14 +35,13 @@ def _opening(plan: Plan, tests: Sequence[Case]) -> str:
     if not plan.quick and plan.n_seeds != Plan().n_seeds:
         command += f" --seeds {plan.n_seeds}"
     versions = ", ".join(f"{name} {version}" for name, version in provenance.versions().items())
-    there = {stack.recipe for case in tests for stack in case.stacks}
-    missing = [f"`{recipe}`" for recipe in plan.recipes if recipe not in there]
+    missing = set(plan.recipes).difference(*(case.recipes for case in tests))
     how = (
         "The policies tested here are the shipped ones, one for each experiment. Nothing was trained, so the "
         "spread over training seeds is not in the intervals, and claims about training itself are left out"
-        + (f"; no policies are shipped for the recipe {', '.join(missing)}." if missing else ".")
+        + "".join(f"; no policies are shipped for the recipe `{recipe}`" for recipe in sorted(missing))
         if plan.quick
-        else f"Every experiment was trained with {plan.n_seeds} independent seeds under each recipe."
+        else f"Every experiment was trained with {plan.n_seeds} independent seeds under each recipe"
     )
     cells = ", ".join(f"{case.name} {case.cells}" for case in tests)
     changed = f" Settings that differ from the recipes': {' '.join(plan.words)}." if plan.words else ""
@@ -50,9 +49,10 @@ def _opening(plan: Plan, tests: Sequence[Case]) -> str:
 
 Printed by `{command}`; to be changed by running it again, not by hand.
 
-{how}{changed} Test cells: {cells}; population seed {plan.seed}; no test cell was used in training or in
-choosing a policy. Intervals are 95% percentile bootstraps over training seeds and test cells. In figures, the
-policy of a stack of seeds is the one that its validation population prefers.
+{how}.{changed} Test cells: {cells}; population seed {plan.seed}; no test cell was used in training or in
+choosing a policy. Intervals are 95%, over training seeds and test cells: both vary, every seed is tested on
+the same cells, and the degrees of freedom are Satterthwaite's. In figures, the policy of a stack of seeds is
+the one that its validation population prefers.
 
 {versions}; commit {provenance.commit() or "unknown"}.
 """
@@ -60,156 +60,109 @@ policy of a stack of seeds is the one that its validation population prefers.
 
 def _verdicts(claims: Sequence[Claim]) -> str:
     rows = [
-        [
-            f"{each.claim}",
-            each.recipe or "–",
-            f"{_number(each.measurement)} {_short(each.unit)}".strip(),
-            _interval(each.interval),
-            each.criterion,
-            str(len(each.seeds)) if each.seeds else "–",
-            _number(each.worst_seed),
-            f"**{each.verdict}**",
-        ]
+        {
+            "claim": each.claim,
+            "recipe": each.recipe,
+            "measured": f"{_spread(each.measurement, each.spread_of_seeds)} {_short(each.unit)}".strip(),
+            "95% interval": _interval(each.interval),
+            "criterion": each.criterion,
+            "seeds": len(each.seeds) or None,
+            "worst seed": _number(each.worst_seed),
+            "verdict": f"**{each.verdict}**",
+        }
         for each in claims
     ]
-    verdicts = Counter(each.verdict for each in claims)
-    summary = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common())
-    headings = ["claim", "recipe", "measured", "95% interval", "criterion", "seeds", "worst seed", "verdict"]
+    counts = Counter(each.verdict for each in claims).most_common()
     return f"""## Claims
 
-{len(claims)} claims: {summary}. A claim is reproduced where the whole interval satisfies the criterion, and
-reversed where the whole interval is on the other side of it. `claims.json` holds the same in more detail.
+{len(claims)} claims: {", ".join(f"{count} {verdict}" for verdict, count in counts)}. A claim is reproduced
+where the whole interval satisfies the criterion, and reversed where the whole interval does not. Where one
+network is measured, ± is the standard deviation over its seeds; angles are positive to the left,
+counter-clockwise.
+`claims.json` holds the same in more detail.
 
-{tables.as_markdown(headings, rows)}"""
+{Table.of(rows).as_markdown()}"""
 
 
 def _results(results: Sequence[Row]) -> str:
-    limits = any(row["limit"] for row in results)
-    authors = any(row["authors"] for row in results)
-    headings = ["policy", "gain ± std of cells", "95% interval", "worst / median / best seed"]
-    headings += ["lead over greedy", *["of the limit", "worst seed, of the limit"] * limits]
-    headings += ["angle to the gradient"]
-    headings += ["authors' network"] * authors
     parts = ["## Results\n"]
     for name in dict.fromkeys(row["test"] for row in results):
         mine = [row for row in results if row["test"] == name]
-        columns = [*headings, "arrived", "mean time"] if mine[0]["arrived"] is not None else headings
-        rows = [_result(row, columns) for row in mine]
-        shown = [place for place in range(len(columns)) if any(row[place] not in ("–", "") for row in rows)]
-        rows = [[row[place] for place in shown] for row in rows]
-        limit = f", limit {_number(mine[0]['limit'])}" if mine[0]["limit"] else ", no limit known"
-        limit += f" ± {error:.2f}" if (error := mine[0]["limit_error"] or 0.0) >= 0.005 else ""
-        parts.append(f"**{name}** ({mine[0]['cells']} cells, lives of at most {mine[0]['life']:g}{limit})\n")
-        parts.append(tables.as_markdown([columns[place] for place in shown], rows))
-    if authors:
+        first, rows = mine[0], [_result(row) for row in mine]
+        shown = [heading for heading in rows[0] if any(row[heading] not in (None, NOTHING) for row in rows)]
+        limit = f", limit {_number(first['limit'])}" if first["limit"] else ", no limit known"
+        limit += f" ± {error:.2f}" if (error := first["limit_error"] or 0.0) >= 0.005 else ""
+        parts.append(f"**{name}** ({first['cells']} cells, lives of at most {first['life']:g}{limit})\n")
+        parts.append(Table.of(rows, shown).as_markdown())
+    if any(row["authors"] for row in results):
         parts.append(
-            "The authors' network is the one they published for the case, replayed in this model: its mean "
-            "gain.\n"
+            "The authors' network is the one they published for the case, replayed in this model: gain ± std "
+            f"of {AUTHORS_TEST}.\n"
         )
     return "\n".join(parts)
 
 
-def _result(row: Row, columns: Sequence[str]) -> list[str]:
-    seeds = "–"
-    if (row["seeds"] or 0) > 1:
-        seeds = " / ".join(_number(row[f"{which}_seed"]) for which in ("worst", "median", "best"))
-    interval = None if row["gain_low"] is None else (row["gain_low"], row["gain_high"])
-    lead = _number(row["lead"], sign=True)
+def _result(row: Row) -> dict[str, Any]:
+    seeds = [_number(row[f"{which}_seed"]) for which in ("worst", "median", "best")]
+    lead = _number(row["lead"], "+")
     if row["lead_low"] is not None:
-        lead += f" ({_number(row['lead_low'])} … {_number(row['lead_high'])})"
-    values = {
+        lead += f" ({_interval((row['lead_low'], row['lead_high']))})"
+    return {
         "policy": " ".join(filter(None, [row["recipe"], row["policy"]])),
-        "gain ± std of cells": f"{_number(row['gain'])} ± {_number(row['std_of_cells'])}",
-        "95% interval": _interval(interval),
-        "worst / median / best seed": seeds,
+        "gain ± std of cells": _spread(row["gain"], row["std_of_cells"]),
+        "95% interval": _interval((row["gain_low"], row["gain_high"])),
+        "worst / median / best seed": " / ".join(seeds) if (row["seeds"] or 0) > 1 else None,
         "lead over greedy": lead,
+        "cells ahead": _percent(row["beat_greedy"]),
         "of the limit": _percent(row["part_of_limit"]),
-        "worst seed, of the limit": _percent(row["worst_part_of_limit"]) if row["seeds"] else "–",
-        "angle to the gradient": "–" if row["angle"] is None else f"{_number(row['angle'])}°",
-        "authors' network": _number(row["authors"]),
+        "worst seed, of the limit": _percent(row["worst_part_of_limit"]) if row["seeds"] else None,
+        "angle ± std of seeds [°]": _spread(row["angle"], row["std_of_angle"]),
+        "swinging broken": _percent(row["pattern_broken"]),
+        "wave": _number(row["wave"]),
         "arrived": _percent(row["arrived"]),
         "mean time": _number(row["mean_lifetime"]),
+        "authors' network": _spread(row["authors"], row["std_of_authors"]),
     }
-    return [values[name] for name in columns]
 
 
 def _flow(evidence: Evidence) -> str:
-    """The worst aware seed against the best blind one of all recipes."""
-    if VORTICES not in evidence.cases:
-        return ""
-    lives = evidence.cases[VORTICES].lives
-    lines = []
-    for (recipe, kind), aware in lives.items():
-        for (other, rival), blind in lives.items():
-            if kind == "aware" and rival == "blind":
-                first, second, found = tables.paired(aware, blind, evidence.seed)
-                lines.append(
-                    f"- the worst seed of {recipe} aware ({first}) less the best of {other} blind "
-                    f"({second}): {_number(found.value, sign=True)}, 95% interval {_interval(found.interval)}"
-                )
-    if not lines:
-        return ""
-    return "In the flow, cell by cell:\n\n" + "\n".join(lines) + "\n"
+    lines = [
+        f"- {text}: {_number(found.value, '+')}, 95% interval {_interval(found.interval)}\n"
+        for text, found in worst_against_best(evidence)
+    ]
+    return "In the flow, cell by cell:\n\n" + "".join(lines) if lines else ""
 
 
 def _swinging(evidence: Evidence) -> str:
-    if not evidence.circles:
-        return ""
     rows = [
-        [
-            name,
-            f"{circle.fitted.mean():.4f}",
-            f"{circle.predicted:.4f}",
-            _number(float(circle.deviation.max())),
-            _number(circle.revolution),
-        ]
+        {
+            "test": name,
+            "fitted radius": f"{circle.fitted.mean():.4f}",
+            "predicted radius": f"{circle.predicted:.4f}",
+            "farthest off, per radius": _number(float(circle.deviation.max())),
+            "time of a revolution": _number(circle.revolution),
+        }
         for name, circle in evidence.circles.items()
     ]
-    headings = [
-        "test",
-        "fitted radius",
-        "predicted radius",
-        "farthest off, per radius",
-        "time of a revolution",
-    ]
-    table = tables.as_markdown(headings, rows)
-    return f"Circles of swinging, through the centres of the arcs with the lowest curvature:\n\n{table}"
+    title = "Circles of swinging, through the centres of the arcs with the lowest curvature:"
+    return f"{title}\n\n{Table.of(rows).as_markdown()}" if rows else ""
 
 
 def _costs(costs: Sequence[Row]) -> str:
     if not costs:
         return ""
-    headings = ["training", "seeds", "cells", "hidden layers", "γ", "life", "epochs"]
-    headings += ["minutes, all seeds at once"]
-    rows = [
-        [
-            f"{row['recipe']} {row['experiment']}",
-            str(row["seeds"]),
-            str(row["cells"]),
-            row["hidden"],
-            f"{row['discount']:g}",
-            f"{row['life']:g}",
-            str(row["epochs"]),
-            _cost(row),
-        ]
-        for row in costs
-    ]
-    commits = ", ".join(sorted({str(row["commit"] or "unknown") for row in costs}))
-    return f"## Trainings\n\nTrained by commit {commits}.\n\n{tables.as_markdown(headings, rows)}"
+    commits = ", ".join(sorted({row["commit"] for row in costs}))
+    table = Table.of(costs, [heading for heading in costs[0] if heading != "commit"])
+    return f"## Trainings\n\nTrained by commit {commits}.\n\n{table.as_markdown()}"
 
 
-def _cost(row: Row) -> str:
-    shared = row["run"] != f"{row['recipe']}/{row['experiment']}"
-    return f"the run of {row['run']}" if shared else f"{row['seconds'] / 60:.1f}"
-
-
-def _drawings(plan: Plan, drawn: Sequence[Drawing]) -> str:
+def _drawings(plan: Plan, drawn: Iterable[Drawing]) -> str:
+    drawn = list(drawn)
     parts = ["## Figures\n"]
-    if plan.quick:
-        if any(each.number == 1 for each in drawn):
-            parts.append("The training curves are those that are shipped with the policies.\n")
-        else:
-            parts.append("Training curves are left out: nothing was trained, and none are shipped.\n")
+    if plan.quick and any(each.number == 1 for each in drawn):
+        parts.append("The training curves are those that are shipped with the policies.\n")
+    elif plan.quick:
+        parts.append("Training curves are left out: nothing was trained, and none are shipped.\n")
     for recipe in dict.fromkeys(each.recipe for each in drawn):
         parts.append(f"### Recipe `{recipe}`\n")
         for each in drawn:
@@ -219,22 +172,25 @@ def _drawings(plan: Plan, drawn: Sequence[Drawing]) -> str:
     return "\n".join(parts)
 
 
-def _number(value: float | None, *, sign: bool = False) -> str:
+def _number(value: float | None, sign: str = "") -> str:
     if value is None:
-        return "–"
+        return NOTHING
     if 0 < abs(value) < 5e-4:
         return f"{value:.1g}"
-    digits = 2 if abs(value) >= 1 else 3
-    return f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
+    return f"{value:{sign}.{2 if abs(value) >= 1 else 3}f}"
 
 
-def _interval(interval: tuple[float, float] | None) -> str:
-    return "–" if interval is None else f"{_number(interval[0])} … {_number(interval[1])}"
+def _spread(value: float | None, spread: float | None) -> str:
+    return _number(value) if spread is None else f"{_number(value)} ± {_number(spread)}"
+
+
+def _interval(interval: tuple[float | None, float | None] | None) -> str:
+    return NOTHING if interval in (None, (None, None)) else " … ".join(map(_number, interval))
 
 
 def _percent(value: float | None) -> str:
-    return "–" if value is None else f"{100 * value:.1f}%"
+    return NOTHING if value is None else f"{100 * value:.1f}%"
 
 
 def _short(unit: str) -> str:
-    return {"concentration": "", "degrees": "°"}.get(unit, "" if unit.startswith("concentration") else unit)
+    return {"degrees": "°"}.get(unit, "" if unit.startswith("concentration") else unit)

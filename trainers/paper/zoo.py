@@ -7,7 +7,6 @@ the training curve.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import json
 import sys
@@ -18,127 +17,71 @@ from typing import Any
 import swarm
 from swarm._support import files
 from swarm.policies.network import Network, save_policy
-from trainers.paper.curves import TrainingCurve, curve_of
-from trainers.paper.measurements import DEVISED, Stack
-from trainers.paper.outputs import RECORD, RESULTS, SEEDS
-from trainers.paper.plan import EXPERIMENTS, RUNS, TESTS, Training
-from trainers.paper.reproduction import trained_stacks
-from trainers.paper.tables import Row
-from trainers.settings.composition import SettingsError, settings_from_stored
-from trainers.training.run_folder import RunError, RunFolder
+from swarm.population.results import RIVAL
+from swarm.population.statistics import fraction_of_limit
+from trainers.paper.measurements import DEVISED, Case, Evidence, Stack
+from trainers.paper.plan import Training
+from trainers.paper.stacks import Curves
 
 RECIPE = "swarm"  # whose policies are shipped
-ZOO = Path(swarm.__file__).parent / "zoo"
+FOLDER = "zoo"  # of a reproduction that trained
+SHIPPED = Path(swarm.__file__).parent / "zoo"
 
 
 class ZooError(RuntimeError):
     """A reproduction whose policies cannot be shipped; the message says why."""
 
 
-def ship(out: Path, zoo: Path = ZOO) -> list[str]:
-    """Write a policy and a card for every experiment of the reproduction in `out`; returns their names.
-
-    Nothing is written unless every one of them can be. Raises ZooError, RunError, SettingsError or
-    PolicyError.
-    """
-    record = _record(out)
-    planned = [
-        _training(out, record, name) for name in EXPERIMENTS if f"{RECIPE}/{name}" in record["trainings"]
-    ]
-    if not planned:
-        raise ZooError(f"{out} must hold trainings of the recipe {RECIPE}, got none")
-    stacks = trained_stacks(planned)
-    results, seeds = _rows(out / RESULTS), _rows(out / SEEDS)
-    wanted = []
-    for each in planned:
-        stack = stacks[each.recipe, each.experiment]
-        card = _card(each, stack, results, seeds, record)
-        curve = curve_of(RunFolder(each.folder), each.settings)
-        wanted.append((each.experiment, Network(stack.choice.weights, stack.choice.biases, card), curve))
-    zoo.mkdir(parents=True, exist_ok=True)
-    for name, policy, curve in wanted:
-        files.write_text(zoo / f"{name}.json", as_text(policy.card, curve))
-        save_policy(policy, zoo / f"{name}.safetensors")
-    return [name for name, *_ in wanted]
+def keep(
+    folder: Path, planned: Sequence[Training], tests: Sequence[Case], evidence: Evidence, curves: Curves
+) -> None:
+    """Write the policy that is chosen for every experiment of the recipe, and its card for readers."""
+    for case in tests:
+        for stack in case.stacks:
+            mine = [each for each in planned if (each.recipe, each.experiment) == (RECIPE, stack.experiment)]
+            if mine and stack.recipe == RECIPE and stack.kind != "still":
+                card = _card(mine[0], stack, case, evidence)
+                curve = json.dumps(curves[RECIPE, stack.experiment]._asdict(), allow_nan=False)
+                pretty = json.dumps(card, indent=2, sort_keys=True, ensure_ascii=False, allow_nan=False)
+                folder.mkdir(exist_ok=True)
+                text = f'{pretty[:-2]},\n  "training": {curve}\n}}\n'
+                files.write_text(folder / f"{stack.experiment}.json", text)
+                policy = Network(stack.choice.weights, stack.choice.biases, card)
+                save_policy(policy, folder / f"{stack.experiment}.safetensors")
 
 
-def _record(out: Path) -> dict[str, Any]:
-    try:
-        record = json.loads((out / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        raise ZooError(f"{out} must be the folder of a finished reproduction: it has no {RECORD}") from None
-    if record["plan"]["quick"]:
-        raise ZooError(f"{out} must be a full reproduction: with --quick nothing is trained")
-    return record
-
-
-def _training(out: Path, record: dict[str, Any], experiment: str) -> Training:
-    stored = record["trainings"][f"{RECIPE}/{experiment}"]
-    settings = settings_from_stored(stored["settings"])
-    return Training(RECIPE, experiment, settings, out / RUNS / stored["run"])
-
-
-def _rows(path: Path) -> list[Row]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def _card(
-    training: Training, stack: Stack, results: Sequence[Row], seeds: Sequence[Row], record: dict[str, Any]
-) -> dict[str, Any]:
-    """The policy's card, with what the test says of it; raises ZooError where that was of another policy."""
-    test, kind = next(
-        (name, kind)
-        for name, kinds in TESTS.items()
-        for kind, experiment in kinds.items()
-        if experiment == training.experiment and kind != "still"
-    )
-    place = {"test": test, "policy": kind, "recipe": RECIPE}
-    tested = _one(seeds, **place, seed=str(stack.seeds[stack.chosen]))
-    whole, greedy = _one(results, **place), _one(results, test=test, policy="greedy", recipe=DEVISED)
-    card = stack.choice.card
-    if f"{card['validation']['gain']:.6g}" != tested["validation_gain"]:
-        raise ZooError(
-            f"the report must be about the runs beside it, but {training.folder} was trained after it: "
-            "run swarm reproduce again"
-        )
+def _card(training: Training, stack: Stack, case: Case, evidence: Evidence) -> dict[str, Any]:
+    """The policy's card, with what the test says of it."""
+    measured, card = evidence.cases[case.name], stack.choice.card
+    lives = measured.lives[stack.recipe, stack.kind]
+    gain = lives.gain[stack.chosen]
     settings = dataclasses.asdict(training.settings)
     return card | {
-        "experiment": training.experiment,
+        "experiment": stack.experiment,
         "settings": {name: settings[name] for name in card["settings"]},
         "seeds": list(stack.seeds),  # among which validation chose
         "test": {
-            "cells": int(whole["cells"]),
-            "life": float(whole["life"]),
-            "seed": record["plan"]["seed"],
-            "gain": {name: float(tested[column]) for name, column in _GAIN.items()},
-            "limit": _number(whole["limit"]),
-            "fraction_of_limit": _number(tested["part_of_limit"]),
-            "arrived": _number(tested["arrived"]),
-            "greedy": float(greedy["gain"]),
+            "cells": case.cells,
+            "life": case.world.life,
+            "seed": case.seed,
+            "gain": {name: float(getattr(gain, name)()) for name in ("mean", "std", "min", "max")},
+            "limit": measured.limit,
+            "fraction_of_limit": fraction_of_limit(float(gain.mean()), measured.limit),
+            "arrived": None if case.world.egg is None else float(lives.arrived[stack.chosen].mean()),
+            "greedy": float(measured.lives[DEVISED, RIVAL].gain.mean()),
         },
     }
 
 
-_GAIN = {"mean": "gain", "std": "std", "min": "min", "max": "max"}
-
-
-def _one(rows: Sequence[Row], **values: str) -> Row:
-    found = [row for row in rows if all(row[name] == value for name, value in values.items())]
-    if len(found) != 1:
-        wanted = ", ".join(f"{name} {value or 'none'}" for name, value in values.items())
-        raise ZooError(f"the tables of the reproduction must have one row with {wanted}, got {len(found)}")
-    return found[0]
-
-
-def _number(text: str) -> float | None:
-    return float(text) if text else None
-
-
-def as_text(card: dict[str, Any], curve: TrainingCurve) -> str:
-    """The card as JSON to be read, then the curve on one line."""
-    pretty = json.dumps(card, indent=2, sort_keys=True, ensure_ascii=False, allow_nan=False)
-    return f'{pretty[:-2]},\n  "training": {json.dumps(curve._asdict(), allow_nan=False)}\n}}\n'
+def ship(out: Path, zoo: Path = SHIPPED) -> list[str]:
+    """Copy what the reproduction in `out` keeps to be shipped; returns names. Raises ZooError or OSError."""
+    kept = sorted((out / FOLDER).glob("*"))
+    if not kept:
+        raise ZooError(f"{out} must be the folder of a reproduction that trained: it has no {FOLDER}")
+    zoo.mkdir(parents=True, exist_ok=True)
+    for file in kept:
+        files.write_bytes(zoo / file.name, file.read_bytes())
+    return sorted({file.stem for file in kept})
 
 
 def main(words: Sequence[str]) -> None:
@@ -147,9 +90,9 @@ def main(words: Sequence[str]) -> None:
         sys.exit("python -m trainers.paper.zoo takes one folder: that of a full reproduction")
     try:
         names = ship(Path(words[0]))
-    except (ZooError, RunError, SettingsError, ValueError, OSError) as error:
+    except (ZooError, OSError) as error:
         sys.exit(f"zoo: {error}")
-    print(f"{len(names)} policies are in {ZOO}: {', '.join(names)}")
+    print(f"{len(names)} policies are in {SHIPPED}: {', '.join(names)}")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,210 @@
+"""Proximal policy optimisation (Schulman et al. 2017), made of TorchRL's parts, for a stack of seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, cast
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModule, TensorDictModuleBase
+from torch import Tensor, nn
+from torch.distributions import Categorical
+from torchrl.modules import ProbabilisticActor, ValueOperator
+from torchrl.objectives import ClipPPOLoss
+from torchrl.objectives.value import GAE
+
+from swarm._support import streams
+from swarm.envs.torchrl import SwarmEnv
+from trainers.algorithms.base import Algorithm, fused_adam, optimiser_tensors
+from trainers.algorithms.collector import SeedCollector
+from trainers.algorithms.networks import memory_of, seed_mlp
+from trainers.algorithms.schedules import learning_rate_at
+from trainers.settings.learning import PPOSettings
+from trainers.settings.schema import Settings
+
+OF_ACTOR = ("observation", "action", "action_log_prob", "advantage", ("collector", "mask"))
+OF_CRITIC = ("seen", "value_target", "state_value")
+OF_A_CELL = 5  # numbers of the whole world's state for each cell: place, heading, curvature
+
+
+class Sampling(TensorDictModuleBase):
+    """Draws an action by its probability; keeps how probable it was, and what the critic sees.
+
+    ProbabilisticActor draws from torch's global generator; here the numbers are drawn outside.
+    """
+
+    in_keys = ["observation", "uniform"]
+    out_keys = ["action", "action_log_prob", "seen"]
+
+    def __init__(self, network: nn.Module, env: SwarmEnv, *, central: bool) -> None:
+        super().__init__()
+        self.network, self.env, self.central = network, env, central
+        (left, right), (low, high) = env.world.box
+        self.middle = torch.tensor([(left + right) / 2, (low + high) / 2], device=env.device)
+        self.size = max(right - left, high - low) or 1.0
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        chances = self.network(tensordict["observation"]).log_softmax(-1)
+        steps = chances.exp().cumsum(-1)[..., :-1]
+        action = (tensordict["uniform"][..., :1] >= steps).sum(-1)
+        taken = chances.gather(-1, action.unsqueeze(-1)).squeeze(-1)
+        tensordict.set("action", action).set("action_log_prob", taken)
+        return tensordict.set("seen", self.seen(tensordict["observation"]))
+
+    def seen(self, observation: Tensor) -> Tensor:
+        """Observations (seeds, cells, ...); with a central critic followed by the state of their worlds."""
+        if not self.central:
+            return observation
+        env, state = self.env, self.env.state
+        assert state is not None, "env.restart() must come first"
+        place = (state.position - self.middle) / self.size
+        whole = torch.cat([place, state.heading, state.memory[..., 0, 1:2]], dim=-1).flatten(1)
+        of_cells = whole.unsqueeze(1).expand(-1, env.n_swimmers, -1)  # the same for all cells of a world
+        return torch.cat([observation, of_cells.reshape(*observation.shape[:2], -1).float()], dim=-1)
+
+
+class PPO(Algorithm):
+    """Decides for every cell by chance, and makes more probable what turned out better than expected."""
+
+    metrics = ("loss", "entropy", "explained", "learning_rate")
+
+    def __init__(self, env: SwarmEnv, settings: Settings) -> None:
+        learning = cast(PPOSettings, settings.learning)
+        self.env, self.settings = env, learning
+        sizes, seen = network_sizes(settings)
+        self.policy, self.critic = (
+            seed_mlp(each, [torch.Generator().manual_seed(key) for key in keys], env.device)
+            for each, keys in ((sizes, self._keys("network")), (seen, self._keys("network", 1)))
+        )
+        self.sampling = Sampling(self.policy, env, central=learning.critic == "central")
+        self.collector = SeedCollector(env, self.sampling)
+        actor = ProbabilisticActor(
+            TensorDictModule(self.policy, in_keys=["observation"], out_keys=["logits"]),
+            in_keys=["logits"],
+            distribution_class=Categorical,
+            return_log_prob=True,
+        )
+        self.loss = ClipPPOLoss(
+            actor,
+            ValueOperator(self.critic, in_keys=["seen"]),
+            clip_epsilon=learning.clip,
+            entropy_coeff=learning.entropy,
+            critic_coeff=learning.critic_weight,
+            loss_critic_type="smooth_l1",
+            reduction="none",
+        )
+        self.advantage = GAE(gamma=learning.discount, lmbda=learning.lam, value_network=None, time_dim=-2)
+        self.optimiser = fused_adam([*self.policy.parameters(), *self.critic.parameters()])
+        self.shuffles = [torch.Generator(env.device or "cpu") for _ in env.seeds]
+
+    def _keys(self, purpose: streams.Purpose, *index: int) -> list[int]:
+        return [streams.integer_seed("training", purpose, seed, *index) for seed in self.env.seeds]
+
+    @staticmethod
+    def memory_needed(settings: Settings) -> int:
+        learning = cast(PPOSettings, settings.learning)
+        world = settings.training_world()
+        sizes, seen = network_sizes(settings)
+        cells = learning.n_worlds * learning.n_swimmers
+        rows = cells * min(learning.collect or world.max_decisions, world.max_decisions)
+        held = 4 * rows * 3 * (sizes[0] + seen[0])
+        return held + memory_of(sizes, learning.batch_size) + memory_of(seen, learning.batch_size)
+
+    def begin(self, epoch: int) -> None:
+        for generator, key in zip(self.shuffles, self._keys("replay", epoch), strict=True):
+            generator.manual_seed(key)
+
+    def collect(self, progress: float) -> TensorDict:
+        return self.collector.collect(self.settings.collect or self.env.world.max_decisions)
+
+    @torch.no_grad()
+    def judged(self, rollout: TensorDict) -> TensorDict:
+        """The decisions (seeds, rows) of a rollout, with their advantages and the critic's goals.
+
+        Advantages (Schulman et al. 2016) are scaled to mean 0 and deviation 1 over the seed's living cells.
+        """
+        seen = self.sampling.seen(rollout["next", "observation"][-1]).unsqueeze(0)
+        seen = torch.cat([rollout["seen"], seen])  # nobody starts anew within a rollout
+        decisions, seeds, cells = rollout.shape
+        by_seed = seen.transpose(0, 1).reshape(seeds, (decisions + 1) * cells, -1)
+        values = self.critic(by_seed).reshape(seeds, decisions + 1, cells, 1).permute(0, 2, 1, 3)
+        lives = rollout.permute(1, 2, 0)  # (seeds, cells, decisions)
+        lives.set("state_value", values[:, :, :-1]).set(("next", "state_value"), values[:, :, 1:])
+        rows = self.advantage(lives).flatten(1)
+        alive = rows["collector", "mask"].unsqueeze(-1)
+        advantage, count = torch.where(alive, rows["advantage"], 0.0), alive.sum(1, keepdim=True).clamp(min=1)
+        centred = torch.where(alive, advantage - advantage.sum(1, keepdim=True) / count, 0.0)
+        spread = (centred.square().sum(1, keepdim=True) / count).sqrt()
+        return rows.set("advantage", centred / (spread + 1e-8))
+
+    def batches(self, rows: TensorDict) -> Iterator[TensorDict]:
+        """The decisions (seeds, rows), shuffled anew for each pass, in batches."""
+        keys = (
+            "observation",
+            "seen",
+            "action",
+            "action_log_prob",
+            "advantage",
+            "value_target",
+            "state_value",
+        )
+        chosen = rows.select(*keys, ("collector", "mask"))
+        places = torch.arange(len(self.shuffles), device=rows["action"].device)[:, None]
+        for _ in range(self.settings.passes):
+            order = [
+                torch.randperm(rows.shape[1], generator=each, device=each.device) for each in self.shuffles
+            ]
+            yield from chosen[places, torch.stack(order)].split(self.settings.batch_size, dim=1)
+
+    def learn(self, rollout: TensorDict, progress: float) -> dict[str, Tensor | float] | None:
+        rows = self.judged(rollout)
+        rate = learning_rate_at(self.settings, self.updates, progress)
+        self.optimiser.param_groups[0]["lr"] = rate
+        for batch in self.batches(rows):
+            parts: Any = self.loss(batch)
+            alive = batch["collector", "mask"]
+            each = sum(
+                parts[f"loss_{name}"].reshape(alive.shape) for name in ("objective", "entropy", "critic")
+            )
+            loss = torch.where(alive, each, 0.0).sum(-1) / alive.sum(-1).clamp_min(1)  # (seeds,)
+            self.optimiser.zero_grad()
+            loss.sum().backward()
+            clip_by_seed(self.optimiser.param_groups[0]["params"], self.settings.max_gradient)
+            self.optimiser.step()
+            self.updates += 1
+        return {"loss": loss.detach(), "learning_rate": rate, **self.looked_at(rows)}
+
+    @torch.no_grad()
+    def looked_at(self, rows: TensorDict) -> dict[str, Tensor]:
+        """Per seed: the policy's mean entropy [nat], and the part of the returns' variance that the critic
+        explained before it learnt from them."""
+        entropy = Categorical(logits=self.policy(rows["observation"])).entropy().mean(-1)
+        goal = rows["value_target"].squeeze(-1)
+        missed = goal - rows["state_value"].squeeze(-1)
+        return {"entropy": entropy, "explained": 1 - missed.var(-1) / goal.var(-1).clamp_min(1e-12)}
+
+    def tensors(self) -> dict[str, Tensor]:
+        networks = {"policy": self.policy, "critic": self.critic}
+        held = {
+            f"{name}.{key}": tensor
+            for name, network in networks.items()
+            for key, tensor in network.state_dict(keep_vars=True).items()
+        }
+        return held | optimiser_tensors(self.optimiser)
+
+
+def network_sizes(settings: Settings) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Layers of the policy and of the critic, from inputs to outputs."""
+    learning, world = cast(PPOSettings, settings.learning), settings.training_world()
+    state = OF_A_CELL * learning.n_swimmers if learning.critic == "central" else 0
+    policy = (world.observation_size, *learning.hidden, world.n_actions)
+    return policy, (world.observation_size + state, *learning.hidden, 1)
+
+
+def clip_by_seed(parameters: list[nn.Parameter], most: float) -> None:
+    """Scales the gradient of each seed down to a norm of at most `most`; torch's own takes one of all."""
+    slopes = [each.grad for each in parameters if each.grad is not None]
+    norms = torch.stack([slope.flatten(1).norm(dim=1) for slope in slopes]).norm(dim=0)  # (seeds,)
+    factors = (most / (norms + 1e-6)).clamp(max=1.0)
+    torch._foreach_mul_(slopes, [factors.reshape(-1, *(1,) * (slope.ndim - 1)) for slope in slopes])
