@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from swarm._support.checks import (
+    Checked,
     check_box,
     check_count,
     check_flag,
@@ -20,10 +21,11 @@ from swarm._support.checks import (
     check_methods,
     check_name,
     check_number,
-    check_point,
+    check_pair,
+    optional,
     parameter,
-    settle_all,
 )
+from swarm._support.registry import Registry
 from swarm.physics.fields import FIELDS, Field
 from swarm.physics.flows import FLOWS, Flow, StillWater
 from swarm.physics.motion import clock
@@ -31,49 +33,48 @@ from swarm.physics.motion.clock import Clock
 from swarm.physics.motion.collocation import Collocation
 from swarm.physics.motion.swimmer import Swimmer
 from swarm.physics.perception import SENSORS, MemoryWithFlow, Sensor, check_sensor
-from swarm.physics.rewards import REWARDS, Reward, check_reward
+from swarm.physics.rewards import Reward, check_reward
 
 Array = Any
 
 DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
+_BOUNDS = ("max_gradient", "max_speed", "max_spin", "max_shear")  # which fields and flows may state
+# what a field and a flow must have
+_FIELD: dict[str, Any] = {"methods": ["concentration"], "scales": ["gradient_scale"], "above": 0.0}
+_FLOW: dict[str, Any] = {
+    "methods": ["velocity", "spin"],
+    "scales": ["speed_scale", "spin_scale"],
+    "at_least": 0.0,
+}
 
 
 # --- rules ------------------------------------------------------------------------------------------------
 
 
-def _check_field(name: str, value: Any) -> Field:
-    field = FIELDS.make(value)
-    check_methods(name, field, ["concentration"], ["gradient_scale"])
-    check_number(f"{name}.gradient_scale", field.gradient_scale, above=0.0)
-    _check_options(name, field)
-    return field
-
-
-def _check_flow(name: str, value: Any) -> Flow:
-    flow = FLOWS.make(value)
-    check_methods(name, flow, ["velocity", "spin"], ["speed_scale", "spin_scale"])
-    for scale in ("speed_scale", "spin_scale"):
-        check_number(f"{name}.{scale}", getattr(flow, scale), at_least=0.0)
-    _check_options(name, flow)
-    return flow
-
-
-def _check_options(name: str, part: Any) -> None:
-    """Checks what a field or a flow need not have."""
-    bounds = ("max_gradient", "max_speed", "max_spin", "max_shear")
-    for option in (*bounds, "period", "egg_radius"):
+def _check_part(
+    name: str,
+    value: Any,
+    *,
+    registry: Registry,
+    methods: Sequence[str],
+    scales: Sequence[str],
+    **bounds: float,
+) -> Any:
+    """A field or a flow, with the scales it must have within the bounds, and what it need not have."""
+    part = registry.make(value)
+    check_methods(name, part, methods, scales)
+    for scale in scales:
+        check_number(f"{name}.{scale}", getattr(part, scale), **bounds)
+    for option in (*_BOUNDS, "period", "egg_radius"):
         if getattr(part, option, None) is not None:
-            rule = {"at_least" if option in bounds else "above": 0.0}
+            rule = {"at_least" if option in _BOUNDS else "above": 0.0}
             check_number(f"{name}.{option}", getattr(part, option), **rule)
     if getattr(part, "egg_radius", None) is not None:
-        check_point(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
+        check_pair(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
     for option, check in (("box", check_box), ("inside", check_function)):
         if getattr(part, option, None) is not None:
             check(f"{name}.{option}", getattr(part, option))
-
-
-def _check_start_box(name: str, value: Any) -> Any:
-    return None if value is None else check_box(name, value)
+    return part
 
 
 def _check_curvatures(name: str, values: Any) -> tuple[float, ...]:
@@ -91,30 +92,11 @@ def _check_curvatures(name: str, values: Any) -> tuple[float, ...]:
     return curvatures
 
 
-def _check_speeds(name: str, values: Any) -> tuple[float, float]:
-    rule = f"{name} must be two positive numbers, got {values!r}"
-    try:
-        first, last = (check_number(name, value, above=0.0) for value in values)
-    except TypeError:
-        raise TypeError(rule) from None
-    except ValueError:
-        raise ValueError(rule) from None
-    return first, last
-
-
-def _check_sensor(name: str, value: Any) -> Any:
-    return None if value is None else check_sensor(name, SENSORS.make(value))
-
-
-def _check_reward(name: str, value: Any) -> Reward:
-    return check_reward(name, REWARDS.make(value))
-
-
 # --- parameters and what follows from them ----------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Parameters:
+class Parameters(Checked):
     """Parameters of a world; the paper's values are the defaults. They check themselves when made.
 
     A field, a flow, a sensor or a reward is an object, its name, or `{"type": name, parameter: value, …}`.
@@ -122,15 +104,17 @@ class Parameters:
     """
 
     n_records: int = parameter(4, check_count, at_least=2)  # N_T, records a cell keeps
-    field: Field = parameter("linear", _check_field)
-    flow: Flow = parameter("still", _check_flow)
+    field: Field = parameter("linear", _check_part, registry=FIELDS, **_FIELD)
+    flow: Flow = parameter("still", _check_part, registry=FLOWS, **_FLOW)
     sense_flow: bool = parameter(False, check_flag)  # short for sensor="memory_with_flow"
     varying_speed: bool = parameter(False, check_flag)  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
     life: float = parameter(80.0, check_number, above=0.0)  # t_life [time], paper table 1
-    start_box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, _check_start_box)
+    start_box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, optional(check_box))
     curvatures: tuple[float, ...] = parameter((3.0, 5.0), _check_curvatures)  # κ₁ … κ_m [1 / length], table 1
     speed: float = parameter(1.0, check_number, above=0.0)  # v [length / time], paper table 1
-    speeds: tuple[float, float] = parameter((1.1, 0.9), _check_speeds)  # v₁, v₂, paper table 1
+    speeds: tuple[float, float] = parameter(  # v₁, v₂, paper table 1
+        (1.1, 0.9), check_pair, rule="two positive numbers", above=0.0
+    )
     time_step: float = parameter(0.02, check_number, above=0.0)  # Δt, tick of the clock [time], paper table 1
     interval_rule: str = parameter("truncated", check_name, known=clock.RULES)  # ΔT, see `Clock`
     # standard deviation of a record's concentration [concentration], and of the curvature swum during an
@@ -138,11 +122,11 @@ class Parameters:
     concentration_noise: float = parameter(0.0, check_number, at_least=0.0)
     curvature_noise: float = parameter(0.0, check_number, at_least=0.0)
     rotational_diffusion: float = parameter(0.0, check_number, at_least=0.0)
-    sensor: Sensor = parameter(None, _check_sensor)  # what a record holds; None: as `sense_flow` says
-    reward: Reward = parameter("own", _check_reward)
+    sensor: Sensor = parameter(None, optional(check_sensor))  # what a record holds; None: see `sense_flow`
+    reward: Reward = parameter("own", check_reward)
 
     def __post_init__(self) -> None:
-        settle_all(self)
+        super().__post_init__()
         if self.sensor is None:
             object.__setattr__(self, "sensor", SENSORS["memory_with_flow" if self.sense_flow else "memory"]())
         senses_flow = isinstance(self.sensor, MemoryWithFlow)
@@ -267,7 +251,7 @@ class Parameters:
         radius = getattr(self.field, "egg_radius", None)
         if radius is None:
             return None
-        return check_point("egg_position", getattr(self.field, "egg_position", (0.0, 0.0))), float(radius)
+        return check_pair("egg_position", getattr(self.field, "egg_position", (0.0, 0.0))), float(radius)
 
     @cached_property
     def domains(self) -> tuple[Any, ...]:

@@ -199,27 +199,18 @@ class World(Parameters):
         for inside in self.domains:
             truncated = truncated | ~inside(pose.position)
         if self.egg is not None:
+            centre, radius = self.egg
             if path is None:
                 curvature = self.swimmer.swum_curvature(action, kick, pose.position)
-                terminated = self._met_on_arc(state, curvature, interval.speed * interval.length)
-            else:
-                terminated = self._met_on_path(pose, path)
-            terminated = terminated & ~state.finished
+                length = interval.speed * interval.length
+                met = closest_approach(state.pose, curvature, length, centre) <= radius
+            else:  # one of the places of the path does, or its end
+                xp = namespace(path)
+                places = xp.concat([path, pose.position[None, ...]], axis=0)
+                from_egg = places - as_array(np.asarray(centre), path)
+                met = xp.any(from_egg[..., 0] ** 2 + from_egg[..., 1] ** 2 <= radius**2, axis=0)
+            terminated = met & ~state.finished
             truncated = truncated & ~terminated
         if self._ends_early:
             finished = truncated | terminated | state.finished
         return terminated, truncated, finished
-
-    def _met_on_arc(self, state: State, curvature: Array, length: Array) -> Array:
-        """Whether an arc comes within reach of the egg."""
-        assert self.egg is not None
-        centre, radius = self.egg
-        return closest_approach(state.pose, curvature, length, centre) <= radius
-
-    def _met_on_path(self, pose: Pose, path: Array) -> Array:
-        """Whether one of the places of a path does, or its end."""
-        assert self.egg is not None
-        centre, radius = self.egg
-        xp = namespace(path)
-        from_egg = xp.concat([path, pose.position[None, ...]], axis=0) - as_array(np.asarray(centre), path)
-        return xp.any(from_egg[..., 0] ** 2 + from_egg[..., 1] ** 2 <= radius**2, axis=0)
