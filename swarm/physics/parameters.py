@@ -25,56 +25,51 @@ from swarm._support.checks import (
     optional,
     parameter,
 )
-from swarm._support.registry import Registry
 from swarm.physics.fields import FIELDS, Field
 from swarm.physics.flows import FLOWS, Flow, StillWater
 from swarm.physics.motion import clock
 from swarm.physics.motion.clock import Clock
-from swarm.physics.motion.collocation import Collocation
 from swarm.physics.motion.swimmer import Swimmer
-from swarm.physics.perception import SENSORS, MemoryWithFlow, Sensor, check_sensor
+from swarm.physics.perception import Memory, MemoryWithFlow, Sensor, check_sensor
 from swarm.physics.rewards import Reward, check_reward
 
 Array = Any
 
 DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
-_BOUNDS = ("max_gradient", "max_speed", "max_spin", "max_shear")  # which fields and flows may state
-# what a field and a flow must have
-_FIELD: dict[str, Any] = {"methods": ["concentration"], "scales": ["gradient_scale"], "above": 0.0}
-_FLOW: dict[str, Any] = {
-    "methods": ["velocity", "spin"],
-    "scales": ["speed_scale", "spin_scale"],
-    "at_least": 0.0,
-}
 
 
 # --- rules ------------------------------------------------------------------------------------------------
 
 
-def _check_part(
-    name: str,
-    value: Any,
-    *,
-    registry: Registry,
-    methods: Sequence[str],
-    scales: Sequence[str],
-    **bounds: float,
-) -> Any:
-    """A field or a flow, with the scales it must have within the bounds, and what it need not have."""
-    part = registry.make(value)
-    check_methods(name, part, methods, scales)
-    for scale in scales:
-        check_number(f"{name}.{scale}", getattr(part, scale), **bounds)
-    for option in (*_BOUNDS, "period", "egg_radius"):
+def _check_field(name: str, value: Any) -> Field:
+    field = FIELDS.make(value)
+    check_methods(name, field, ["concentration"], ["gradient_scale"])
+    check_number(f"{name}.gradient_scale", field.gradient_scale, above=0.0)
+    _check_options(name, field)
+    return field
+
+
+def _check_flow(name: str, value: Any) -> Flow:
+    flow = FLOWS.make(value)
+    check_methods(name, flow, ["velocity", "spin"], ["speed_scale", "spin_scale"])
+    for scale in ("speed_scale", "spin_scale"):
+        check_number(f"{name}.{scale}", getattr(flow, scale), at_least=0.0)
+    _check_options(name, flow)
+    return flow
+
+
+def _check_options(name: str, part: Any) -> None:
+    """Checks what a field or a flow need not have."""
+    bounds = ("max_gradient", "max_speed", "max_spin", "max_shear")
+    for option in (*bounds, "period", "egg_radius"):
         if getattr(part, option, None) is not None:
-            rule = {"at_least" if option in _BOUNDS else "above": 0.0}
+            rule = {"at_least" if option in bounds else "above": 0.0}
             check_number(f"{name}.{option}", getattr(part, option), **rule)
     if getattr(part, "egg_radius", None) is not None:
         check_pair(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
     for option, check in (("box", check_box), ("inside", check_function)):
         if getattr(part, option, None) is not None:
             check(f"{name}.{option}", getattr(part, option))
-    return part
 
 
 def _check_curvatures(name: str, values: Any) -> tuple[float, ...]:
@@ -104,8 +99,8 @@ class Parameters(Checked):
     """
 
     n_records: int = parameter(4, check_count, at_least=2)  # N_T, records a cell keeps
-    field: Field = parameter("linear", _check_part, registry=FIELDS, **_FIELD)
-    flow: Flow = parameter("still", _check_part, registry=FLOWS, **_FLOW)
+    field: Field = parameter("linear", _check_field)
+    flow: Flow = parameter("still", _check_flow)
     sense_flow: bool = parameter(False, check_flag)  # short for sensor="memory_with_flow"
     varying_speed: bool = parameter(False, check_flag)  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
     life: float = parameter(80.0, check_number, above=0.0)  # t_life [time], paper table 1
@@ -128,7 +123,7 @@ class Parameters(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.sensor is None:
-            object.__setattr__(self, "sensor", SENSORS["memory_with_flow" if self.sense_flow else "memory"]())
+            object.__setattr__(self, "sensor", MemoryWithFlow() if self.sense_flow else Memory())
         senses_flow = isinstance(self.sensor, MemoryWithFlow)
         if self.sense_flow and not senses_flow:
             raise ValueError(f"sense_flow must go with the sensor memory_with_flow, got {self.sensor!r}")
@@ -143,7 +138,7 @@ class Parameters(Checked):
             raise ValueError(
                 f"mean curvature × speed must lie between 1e-9 and 1e9 rad per time, got {rates}"
             )
-        _ = self.swimmer  # raises where intervals cannot be counted or the flow varies too fast
+        _ = self.swimmer.scheme  # raises where intervals cannot be counted or the flow varies too fast
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -221,8 +216,8 @@ class Parameters(Checked):
     @cached_property
     def swimmer(self) -> Swimmer:
         """What each action does."""
-        scheme = self.scheme if self.in_flow else None
-        return Swimmer(self.curvatures, self.action_speeds, self.clock, self.flow, scheme)
+        spacing = self.time_step if self.egg is not None else None  # of the places where its path is tested
+        return Swimmer(self.curvatures, self.action_speeds, self.clock, self.flow, spacing)
 
     @cached_property
     def has_noise(self) -> bool:
@@ -258,14 +253,6 @@ class Parameters(Checked):
         """The field's and the flow's `inside`, where they have one."""
         parts = (getattr(part, "inside", None) for part in (self.field, self.flow))
         return tuple(inside for inside in parts if inside is not None)
-
-    @cached_property
-    def scheme(self) -> Collocation:
-        """How an interval in the flow is integrated."""
-        lengths = [speed * time for speed, time in zip(self.action_speeds, self.intervals, strict=True)]
-        turns = [kappa * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
-        spacing = self.time_step if self.egg is not None else None
-        return Collocation.for_interval(self.flow, max(turns), max(lengths), max(self.intervals), spacing)
 
     @property
     def observation_bounds(self) -> np.ndarray:

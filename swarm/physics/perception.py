@@ -125,8 +125,7 @@ class MemoryWithFlow(Memory):
 
 
 def check_sensor(name: str, value: Any) -> Sensor:
-    """The sensor that `value` is or describes; raises TypeError or ValueError unless it can be asked for
-    records."""
+    """The sensor that `value` is or describes; raises TypeError or ValueError unless it can take records."""
     sensor = SENSORS.make(value)
     if isinstance(sensor, type) or not isinstance(sensor, Sensor):
         rule = f"{name} must be an object with name, names, record(world, time, situation) and bounds(world)"

@@ -54,7 +54,7 @@ class Team(Own):
 
 
 def check_reward(name: str, value: Any) -> Reward:
-    """The reward that `value` is or describes; raises TypeError unless it can be asked for rewards."""
+    """The reward that `value` is or describes; raises TypeError or ValueError unless it can be asked for."""
     reward = REWARDS.make(value)
     if isinstance(reward, type) or not isinstance(reward, Reward):
         rule = f"{name} must be an object with reward(world, before, after, outcome)"

@@ -16,7 +16,7 @@ import numpy as np
 from swarm._support.arrays import as_array, join, look_up, namespace, nowhere
 from swarm._support.checks import check_cells
 from swarm.physics import perception
-from swarm.physics.motion.arc import Pose, closest_approach, components, turned, unit
+from swarm.physics.motion.arc import Pose, closest_approach, comes_within, components, turned, unit
 from swarm.physics.motion.swimmer import Interval
 from swarm.physics.parameters import Parameters
 from swarm.physics.perception import Situation
@@ -79,13 +79,17 @@ class World(Parameters):
             as_array(np.asarray(values), position)
             for values in (self.curvatures, self.action_speeds, self.intervals)
         ]
-        pose, records = Pose(position, heading), []
+        pose = Pose(position, heading)
+        records: list[Sequence[Array]] = []
         for i in range(self.n_records):
             curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
             sensed = self.field.concentration(pose.position)
             records.append(self._record(pose, sensed, self.normal_curvature(curvature), finished, count))
             if i < self.n_records - 1:
                 pose = self.swimmer.swim_back(pose, curvature, speed, interval)
+        if len(records[0]) != self.features:
+            names = ", ".join(self.sensor.names)
+            raise ValueError(f"sensor must record a number for each of {names}, got {len(records[0])}")
         return State(
             position=position,
             heading=heading,
@@ -203,13 +207,10 @@ class World(Parameters):
             if path is None:
                 curvature = self.swimmer.swum_curvature(action, kick, pose.position)
                 length = interval.speed * interval.length
-                met = closest_approach(state.pose, curvature, length, centre) <= radius
-            else:  # one of the places of the path does, or its end
-                xp = namespace(path)
-                places = xp.concat([path, pose.position[None, ...]], axis=0)
-                from_egg = places - as_array(np.asarray(centre), path)
-                met = xp.any(from_egg[..., 0] ** 2 + from_egg[..., 1] ** 2 <= radius**2, axis=0)
-            terminated = met & ~state.finished
+                terminated = closest_approach(state.pose, curvature, length, centre) <= radius
+            else:
+                terminated = comes_within(path, pose.position, centre, radius)
+            terminated = terminated & ~state.finished
             truncated = truncated & ~terminated
         if self._ends_early:
             finished = truncated | terminated | state.finished
