@@ -79,6 +79,11 @@ def outer(table: Array, array: Array) -> Array:
     return namespace(table).reshape(table, (*table.shape, *(1,) * array.ndim)) * array
 
 
+def where_chosen(mask: Array, new: Array, old: Array) -> Array:
+    """`new` (rows, ...) in the rows that a mask (rows,) chooses, `old` in the others."""
+    return namespace(old).where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)
+
+
 def at_least(numbers: Array, bound: int) -> Array:
     """Whether int32 numbers reach a bound.
 

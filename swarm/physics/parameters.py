@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from swarm._support.checks import (
+    Checked,
     check_box,
     check_count,
     check_flag,
@@ -20,10 +21,9 @@ from swarm._support.checks import (
     check_methods,
     check_name,
     check_number,
-    check_point,
+    check_pair,
     optional,
     parameter,
-    settle_all,
 )
 from swarm.physics.fields import FIELDS, Field
 from swarm.physics.flows import FLOWS, Flow, StillWater
@@ -66,7 +66,7 @@ def _check_options(name: str, part: Any) -> None:
             rule = {"at_least" if option in bounds else "above": 0.0}
             check_number(f"{name}.{option}", getattr(part, option), **rule)
     if getattr(part, "egg_radius", None) is not None:
-        check_point(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
+        check_pair(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
     for option, check in (("box", check_box), ("inside", check_function)):
         if getattr(part, option, None) is not None:
             check(f"{name}.{option}", getattr(part, option))
@@ -87,22 +87,11 @@ def _check_curvatures(name: str, values: Any) -> tuple[float, ...]:
     return curvatures
 
 
-def _check_speeds(name: str, values: Any) -> tuple[float, float]:
-    rule = f"{name} must be two positive numbers, got {values!r}"
-    try:
-        first, last = (check_number(name, value, above=0.0) for value in values)
-    except TypeError:
-        raise TypeError(rule) from None
-    except ValueError:
-        raise ValueError(rule) from None
-    return first, last
-
-
 # --- parameters and what follows from them ----------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Parameters:
+class Parameters(Checked):
     """Parameters of a world; the paper's values are the defaults. They check themselves when made.
 
     A field, a flow, a sensor or a reward is an object, its name, or `{"type": name, parameter: value, …}`.
@@ -118,7 +107,9 @@ class Parameters:
     start_box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, optional(check_box))
     curvatures: tuple[float, ...] = parameter((3.0, 5.0), _check_curvatures)  # κ₁ … κ_m [1 / length], table 1
     speed: float = parameter(1.0, check_number, above=0.0)  # v [length / time], paper table 1
-    speeds: tuple[float, float] = parameter((1.1, 0.9), _check_speeds)  # v₁, v₂, paper table 1
+    speeds: tuple[float, float] = parameter(  # v₁, v₂, paper table 1
+        (1.1, 0.9), check_pair, rule="two positive numbers", above=0.0
+    )
     time_step: float = parameter(0.02, check_number, above=0.0)  # Δt, tick of the clock [time], paper table 1
     interval_rule: str = parameter("truncated", check_name, known=clock.RULES)  # ΔT, see `Clock`
     # standard deviation of a record's concentration [concentration], and of the curvature swum during an
@@ -126,13 +117,11 @@ class Parameters:
     concentration_noise: float = parameter(0.0, check_number, at_least=0.0)
     curvature_noise: float = parameter(0.0, check_number, at_least=0.0)
     rotational_diffusion: float = parameter(0.0, check_number, at_least=0.0)
-    sensor: Sensor = parameter(
-        None, optional(check_sensor)
-    )  # what a record holds; None: as `sense_flow` says
+    sensor: Sensor = parameter(None, optional(check_sensor))  # what a record holds; None: see `sense_flow`
     reward: Reward = parameter("own", check_reward)
 
     def __post_init__(self) -> None:
-        settle_all(self)
+        super().__post_init__()
         if self.sensor is None:
             object.__setattr__(self, "sensor", MemoryWithFlow() if self.sense_flow else Memory())
         senses_flow = isinstance(self.sensor, MemoryWithFlow)
@@ -257,7 +246,7 @@ class Parameters:
         radius = getattr(self.field, "egg_radius", None)
         if radius is None:
             return None
-        return check_point("egg_position", getattr(self.field, "egg_position", (0.0, 0.0))), float(radius)
+        return check_pair("egg_position", getattr(self.field, "egg_position", (0.0, 0.0))), float(radius)
 
     @cached_property
     def domains(self) -> tuple[Any, ...]:

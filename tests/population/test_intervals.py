@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from swarm.population.intervals import margin
+from swarm.population.statistics import margin
 from tests.population.coverage import CELLS, DESIGNS, RATIOS, SEEDS, coverage
 
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from swarm.policies.policy_file import PolicyError
-from swarm.population.intervals import mean_interval
+from swarm.population.statistics import mean_interval
 from trainers.jobs.comparison import Contender, Group, compare, grouped
 from trainers.settings.composition import settings_from
 

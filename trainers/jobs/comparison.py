@@ -14,9 +14,8 @@ from swarm._support.tables import Table, percent, span
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
 from swarm.population.evaluation import LEARNT
-from swarm.population.intervals import mean_interval
 from swarm.population.results import RIVAL
-from swarm.population.statistics import fraction_of_limit
+from swarm.population.statistics import fraction_of_limit, mean_interval
 from trainers.settings.composition import settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import run_folder as runs

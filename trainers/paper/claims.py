@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from swarm.population.intervals import LEVEL, margin
+from swarm.population.statistics import LEVEL, margin
 from trainers.paper.measurements import DEVISED, Evidence, Lives, TrainingGains
 
 REPRODUCED, NOT_REPRODUCED, REVERSED = "reproduced", "not reproduced", "reversed"
