@@ -65,7 +65,7 @@ def reproduce(plan: Plan, out: Path, publish: Path | None = None) -> list[Claim]
     out.mkdir(parents=True, exist_ok=True)
     for left in out.glob(WRITING + "*"):  # by a reproduction that was killed
         shutil.rmtree(left, ignore_errors=True)
-    with tempfile.TemporaryDirectory(prefix=WRITING, dir=out) as name:
+    with tempfile.TemporaryDirectory(prefix=WRITING, dir=out, ignore_cleanup_errors=True) as name:
         staged = Path(name)
         write(staged, found, draw(found, recipes, staged))
         for folder in folders[1:]:
