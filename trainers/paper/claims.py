@@ -211,9 +211,7 @@ def judged(statement: Statement, evidence: Evidence, recipe: str) -> Claim | Non
         return None
     seeds = next((each.seeds for each in found if each is not None and each.seeds), ())
     number = estimate(*samples, combine=statement.measure.combine)
-    by_seed = {
-        where: sample.mean(axis=1).tolist() for where, sample in zip(statement.samples, samples, strict=True)
-    }
+    means = [sample.mean(axis=1).tolist() for sample in samples]
     several = len(samples) == 1 < len(seeds)
     return Claim(
         id=statement.id,
@@ -224,10 +222,10 @@ def judged(statement: Statement, evidence: Evidence, recipe: str) -> Claim | Non
         interval=number.interval,
         criterion=str(statement.criterion),
         seeds=seeds,
-        spread_of_seeds=float(np.std(next(iter(by_seed.values())), ddof=1)) if several else None,
+        spread_of_seeds=float(np.std(means[0], ddof=1)) if several else None,
         worst_seed=statement.criterion.worst(number) if seeds else None,
         verdict=statement.criterion.verdict(number),
-        by_seed=by_seed,
+        by_seed=dict(zip(statement.samples, means, strict=True)),
     )
 
 
