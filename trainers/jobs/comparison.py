@@ -14,7 +14,6 @@ from swarm._support import files, provenance
 from swarm._support.tables import Table, percent, span
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
-from swarm.population.evaluation import LEARNT
 from swarm.population.results import RIVAL
 from swarm.population.statistics import fraction_of_limit, mean_interval
 from trainers.settings.composition import settings_from_stored
