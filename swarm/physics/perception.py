@@ -171,9 +171,9 @@ def _observed(numbers: np.ndarray, features: int) -> np.ndarray:
     total = concentrations[..., 0]
     for i in range(1, n_records):  # much quicker than a sum over a short axis
         total = total + concentrations[..., i]
-    observation = numbers.astype(np.float32)
-    observation[..., ::features] = concentrations - (total / n_records)[..., None]
-    return observation
+    seen = numbers.copy()  # only differences need fit into float32
+    seen[..., ::features] -= (total / n_records)[..., None]
+    return seen.astype(np.float32, copy=False)
 
 
 # Other arrays are worked on number by number, see `join`, and cannot be written to.
