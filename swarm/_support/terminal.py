@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import time
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.table import Table as Shown
 
-if TYPE_CHECKING:  # it brings NumPy, which must not be there before a process has its number of threads
-    from swarm._support.tables import Table
+from swarm._support.tables import Table
 
 QUIET = 30.0  # [s] between lines where there is no terminal
 
