@@ -20,15 +20,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from trainers.jobs.terminal import Progress, print_table
-
 if TYPE_CHECKING:
     from trainers.settings.schema import Settings
     from trainers.training.loop import Training
     from trainers.training.run_folder import RunFolder
 
-SEVERAL, SHOW = ("-m", "--multirun"), "--show"
-RESUME, FOLDER = "resume=", "hydra.run.dir="
+SEVERAL, SHOW, RESUME, FOLDER = ("-m", "--multirun"), "--show", "resume=", "hydra.run.dir="
 
 
 @contextmanager
@@ -37,8 +34,7 @@ def errors_as_lines() -> Iterator[None]:
     try:
         yield
     except (Exception, KeyboardInterrupt) as error:
-        line = line_of(error)
-        if line is None:
+        if (line := line_of(error)) is None:
             raise
         lines = "; ".join([line, *getattr(error, "__notes__", ())]).splitlines()
         print("swarm:", *lines, file=sys.stderr)
@@ -94,13 +90,12 @@ app = typer.Typer(
 )
 def train(context: typer.Context) -> None:
     """Train a policy."""
-    words = [word for word in context.args if word not in SEVERAL]
-    if len(words) < len(context.args):
-        from trainers.jobs.sweep import sweep
-
-        return sweep(words)
+    from trainers.jobs.sweep import sweep
     from trainers.settings.composition import settings_from
 
+    words = [word for word in context.args if word not in SEVERAL]
+    if len(words) < len(context.args):
+        return sweep(words)
     resumed = [word.removeprefix(RESUME) for word in words if word.startswith(RESUME)]
     folders = [word.removeprefix(FOLDER) for word in words if word.startswith(FOLDER)]
     plain = [word for word in words if word != SHOW and not word.startswith((RESUME, FOLDER))]
@@ -123,9 +118,7 @@ def begin(settings: Settings, folder: Path | None = None) -> None:
 
     folder = check_new_folder(folder or default_folder(settings))
     print(settings.as_yaml().rstrip(), flush=True)
-    from trainers.training import run as running
-
-    _complete(*running.begin(folder, settings))
+    _complete(folder, settings)
 
 
 def resume(folder: Path) -> None:
@@ -138,15 +131,15 @@ def resume(folder: Path) -> None:
     if run.finished:
         print(f"{folder} is finished after {settings.learning.epochs} epochs; nothing is left to learn")
         return _test_after(settings, run)
+    return _complete(folder)
+
+
+def _complete(folder: Path, settings: Settings | None = None) -> None:
+    """Train to the end, from the beginning with the settings of a new run, and test the kept policy."""
+    from swarm._support.terminal import Progress
     from trainers.training import run as running
 
-    return _complete(*running.resume(folder))
-
-
-def _complete(training: Training, run: RunFolder) -> None:
-    """Train to the end, and test the kept policy where that is wanted."""
-    from trainers.training import run as running
-
+    training, run = running.resume(folder) if settings is None else running.begin(folder, settings)
     epochs, started = training.settings.learning.epochs, time.perf_counter()
     with Progress("training", epochs) as bar:
 
@@ -193,6 +186,7 @@ def evaluate(
 ) -> None:
     """Test a policy on fresh cells, next to greedy, swinging and the physical limit."""
     from swarm._support import files
+    from swarm._support.terminal import Progress, print_table
     from swarm.figures.evaluation import save_evaluation, save_noise_sweep
     from swarm.population import evaluation
     from swarm.population import noise as noise_sweeps
@@ -240,6 +234,7 @@ def compare(
     out: NewFolder = None,
 ) -> None:
     """Put runs side by side, with intervals over seeds."""
+    from swarm._support.terminal import print_table
     from trainers.jobs import comparison
 
     groups = comparison.compare(folders, cells=40 if cells is None else cells, seed=seed, out=out)
@@ -261,6 +256,7 @@ def watch(
 ) -> None:
     """Watch a policy steer a swarm."""
     from swarm._support.checks import check_count
+    from swarm._support.terminal import Progress
     from swarm.figures import watch as watching
     from trainers.settings.composition import settings_of
 
@@ -306,6 +302,7 @@ def reproduce(
 @app.command()
 def check() -> None:
     """Run every check of the environments' interfaces there is, warnings as errors."""
+    from swarm._support.terminal import print_table
     from swarm.envs.conformance import run_checks
 
     found = run_checks()

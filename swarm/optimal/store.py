@@ -115,14 +115,10 @@ def _say(line: str) -> None:
 
 @contextmanager
 def shown_progress(title: str) -> Iterator[Any]:
-    """A bar on a terminal, else one line."""
-    if not sys.stderr.isatty():
-        _say(f"{title}: computing it once, which may take a minute or two")
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
+    """A bar on a terminal, else a line now and then."""
+    from swarm._support.terminal import Progress
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=1.0)
-        yield lambda fraction: bar.update(task, completed=fraction)
+    with Progress(title, 1.0) as bar:
+        if not bar.live:
+            bar.say(f"{title}: computing it once, which may take a minute or two")
+        yield bar.show

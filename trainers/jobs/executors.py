@@ -1,7 +1,4 @@
-"""Where tasks run: here, or in processes of their own; all through the interface of `concurrent.futures`.
-
-Nothing heavy is imported here, so that a process begins with its number of threads set.
-"""
+"""Where tasks run: here, or in processes of their own; all through the interface of `concurrent.futures`."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from typing import Any, NamedTuple
 
-from trainers.jobs.terminal import Progress
+from swarm._support.terminal import Progress
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 GRACE = 60.0  # [s] a process whose parent is gone has to save what it was doing
@@ -83,6 +80,7 @@ class Processes(Executor):
     """Each task in a process of its own, `workers` at a time: one that is killed takes no other with it."""
 
     def __init__(self, workers: int) -> None:
+        os.environ.update(ONE_THREAD | os.environ)  # before a process imports what computes
         self._threads = ThreadPoolExecutor(workers)  # each of them waits for a process
         self._gate, self._stopped = threading.Lock(), False
 
@@ -120,7 +118,6 @@ def executor_for(workers: int) -> Executor:
 def _begin() -> None:
     """In a process of its own: Ctrl-C goes to the parent alone, which passes it on."""
     os.setpgid(0, 0)
-    os.environ.update(ONE_THREAD | os.environ)
     threading.Thread(target=_follow_parent, daemon=True).start()
 
 
