@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 from safetensors.torch import load_file
 
-from trainers.settings.learning import DQNSettings
+from trainers.settings.learning import DQNSettings, PPOSettings
 from trainers.settings.schema import Settings, ValidationSettings
 from trainers.training import loop as training
 from trainers.training import run as running
@@ -30,16 +30,19 @@ SWARM = {
     "keep": "best",
 }
 PAPER = {"batch_size": 16, "buffer_size": 60}
+PPO = {"n_swimmers": 5, "collect": 4, "passes": 2, "batch_size": 8}
 
 
 def short_settings(recipe="swarm", world=None, learning=None, validation=None, **changes):
     """Settings of a run of six epochs of a few decisions."""
-    base = {"swarm": SWARM, "paper": PAPER}[recipe]
+    base = {"swarm": SWARM, "paper": PAPER, "ppo": PPO}[recipe]
     values = {"epochs": 6, "hidden": [6, 6]} | base | (learning or {})
     defaults = {"recipe": recipe, "checkpoint_every": 2, "tensorboard": False, "compile": "never", "seed": 3}
+    kind = PPOSettings if recipe == "ppo" else DQNSettings
     return Settings(
+        algorithm="ppo" if recipe == "ppo" else "dqn",
         world={"life": 4.0} | (world or {}),
-        learning=DQNSettings(**values),
+        learning=kind(**values),
         validation=ValidationSettings(**({"cells": 3, "life": 4.0, "every": 2} | (validation or {}))),
         **(defaults | changes),
     )

@@ -208,11 +208,11 @@ def evaluate(
     if len(levels) > 1:
         with Progress("levels of noise", len(levels)) as bar:
             found = noise_sweeps.sweep_noise(policy, world, levels, kind=kind, progress=bar.show, **options)
-        print_table(found.table)
+        print_table(found.table.headings, found.table.texts)
     else:
         (world,) = noise_sweeps.check_levels(levels, kind, world) if levels else [world]
         tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
-        print_table(tested.table)
+        print_table(tested.table.headings, tested.table.texts)
         limit = tested.summary["limit"]
         said = "none is known for this world" if limit is None else f"{limit:.2f}, which no policy can exceed"
         print(f"limit: {said}")
@@ -243,7 +243,8 @@ def compare(
     from trainers.jobs import comparison
 
     groups = comparison.compare(folders, cells=40 if cells is None else cells, seed=seed, out=out)
-    print_table(comparison.table(groups))
+    table = comparison.table(groups)
+    print_table(table.headings, table.texts)
     if out is not None:
         print(f"table and figure are in {out}")
 
@@ -305,13 +306,12 @@ def reproduce(
 @app.command()
 def check() -> None:
     """Run every check of the environments' interfaces there is, warnings as errors."""
-    from swarm._support.tables import Table
     from swarm.envs.conformance import run_checks
 
     found = run_checks()
     results = {True: "passed", False: "FAILED", None: "skipped"}
     rows = [[each.name, results[each.passed], each.detail] for each in found]
-    print_table(Table(["check", "result", "detail"], rows))
+    print_table(["check", "result", "detail"], rows)
     if any(each.passed is False for each in found):
         raise typer.Exit(1)
 

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from swarm._support.compiler import Functions, Pieces, compiling
+from swarm._support.compiler import Every, Functions, Pieces, compiling
 
 Array = Any
+
+_TORCH: list[Any] = []  # its functions, once they are asked for
 
 
 def namespace(array: Array) -> Any:
@@ -20,9 +22,11 @@ def namespace(array: Array) -> Any:
     if isinstance(array, np.ndarray):
         return np
     if type(array).__module__ == "torch":
-        from array_api_compat import torch as torch_namespace
+        if not _TORCH:
+            from array_api_compat import torch
 
-        return torch_namespace
+            _TORCH.append(torch)
+        return _TORCH[0]
     if isinstance(array, Pieces):
         return Functions(namespace(array.pieces[0]))
     return array_namespace(array)
@@ -71,8 +75,13 @@ def look_up(table: Array, index: Array) -> Array:
 def outer(table: Array, array: Array) -> Array:
     """Products (rows, columns, ...) of the numbers of a table (rows, columns) with `array` (...)."""
     if isinstance(table, Pieces):
-        return table * array
+        return table * Every(array)
     return namespace(table).reshape(table, (*table.shape, *(1,) * array.ndim)) * array
+
+
+def where_chosen(mask: Array, new: Array, old: Array) -> Array:
+    """`new` (rows, ...) in the rows that a mask (rows,) chooses, `old` in the others."""
+    return namespace(old).where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)
 
 
 def at_least(numbers: Array, bound: int) -> Array:

@@ -93,15 +93,15 @@ def check_function(name: str, value: Any) -> Any:
     return value
 
 
-def check_point(name: str, value: Any) -> tuple[float, float]:
-    """Return `value` as two floats (x, y); raises unless it is two finite numbers."""
-    rule = f"{name} must be two finite numbers (x, y), got {value!r}"
+def check_pair(
+    name: str, value: Any, *, rule: str = "two finite numbers (x, y)", **bounds: float
+) -> tuple[float, float]:
+    """Return `value` as two floats; raises unless it is two finite numbers within the bounds."""
     try:
-        x, y = (check_number(name, number) for number in value)
-    except TypeError:
-        raise TypeError(rule) from None
-    except ValueError:
-        raise ValueError(rule) from None
+        x, y = (check_number(name, number, **bounds) for number in value)
+    except (TypeError, ValueError) as error:
+        kind = TypeError if isinstance(error, TypeError) else ValueError
+        raise kind(f"{name} must be {rule}, got {value!r}") from None
     return x, y
 
 
@@ -123,26 +123,21 @@ def optional(check: Callable[..., Any]) -> Callable[..., Any]:
 
 def parameter(default: Any, check: Callable[..., Any], **rules: Any) -> Any:
     """A field of a dataclass with its default and its rule: it holds what `check(name, value, **rules)`
-    returns, see `settle_all`."""
+    returns, see `Checked`."""
     return dataclasses.field(default=default, metadata={"check": functools.partial(check, **rules)})
 
 
-def settle_all(owner: Any) -> None:
-    """Checks every `parameter` of a frozen dataclass, in their order, and keeps what the checks return.
-
-    Plain floats matter: a NumPy scalar would turn float32 arrays into float64 ones and torch tensors into
-    NumPy arrays.
-    """
-    for item in dataclasses.fields(owner):
-        if check := item.metadata.get("check"):
-            object.__setattr__(owner, item.name, check(item.name, getattr(owner, item.name)))
-
-
 class Checked:
-    """A frozen dataclass of `parameter`s, which are checked when it is made."""
+    """A frozen dataclass of `parameter`s, which are checked in their order when it is made.
+
+    It keeps what the checks return. Plain floats matter: a NumPy scalar would turn float32 arrays into
+    float64 ones and torch tensors into NumPy arrays.
+    """
 
     def __post_init__(self) -> None:
-        settle_all(self)
+        for item in dataclasses.fields(self):  # type: ignore[arg-type]
+            if check := item.metadata.get("check"):
+                object.__setattr__(self, item.name, check(item.name, getattr(self, item.name)))
 
 
 def check_cells(name: str, rule: str, value: Array, good: Array) -> None:

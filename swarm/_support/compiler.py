@@ -17,11 +17,15 @@ import numpy as np
 Array = Any
 
 
-class Pieces:
-    """An array in pieces along its first axis: arrays, or further pieces.
+class Every:
+    """An array that goes with every piece of others: the compiler follows no operator of both kinds."""
 
-    What it is added to or multiplied by goes with every piece, unless it is in pieces too.
-    """
+    def __init__(self, array: Array) -> None:
+        self.array = array
+
+
+class Pieces:
+    """An array in pieces along its first axis: arrays, or further pieces."""
 
     def __init__(self, pieces: tuple[Any, ...]) -> None:
         self.pieces = pieces
@@ -40,13 +44,13 @@ class Pieces:
             return Pieces(tuple(piece[tuple(rest)] for piece in self.pieces[first]))
         return self.pieces[first][tuple(rest)]
 
-    def __add__(self, other: Any) -> Pieces:
+    def __add__(self, other: Pieces | Every | float) -> Pieces:
         return _each(operator.add, self, other)
 
-    def __sub__(self, other: Any) -> Pieces:
+    def __sub__(self, other: Pieces | Every | float) -> Pieces:
         return _each(operator.sub, self, other)
 
-    def __mul__(self, other: Any) -> Pieces:
+    def __mul__(self, other: Pieces | Every | float) -> Pieces:
         return _each(operator.mul, self, other)
 
 
@@ -70,6 +74,11 @@ def in_pieces(array: Array, axes: int) -> Any:
     return Pieces(tuple(in_pieces(array[i, ...], axes - 1) for i in range(array.shape[0])))
 
 
+def alongside(like: Any, *arrays: Array) -> tuple[Any, ...]:
+    """Arrays as they can be computed with `like`, which stands on the left, be it in pieces or not."""
+    return tuple(map(Every, arrays)) if isinstance(like, Pieces) else arrays
+
+
 def by_piece(function: Callable[..., tuple[Array, ...]], *arrays: Any) -> tuple[Any, ...]:
     """What a function of arrays returns, found piece by piece where they are in pieces."""
     if not isinstance(arrays[0], Pieces):
@@ -81,7 +90,7 @@ def by_piece(function: Callable[..., tuple[Array, ...]], *arrays: Any) -> tuple[
 def _each(function: Callable[..., Array], *operands: Any) -> Any:
     count = next((len(each.pieces) for each in operands if isinstance(each, Pieces)), None)
     if count is None:
-        return function(*operands)
+        return function(*(each.array if isinstance(each, Every) else each for each in operands))
     columns = (each.pieces if isinstance(each, Pieces) else (each,) * count for each in operands)
     return Pieces(tuple(_each(function, *parts) for parts in zip(*columns, strict=True)))
 

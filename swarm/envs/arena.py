@@ -11,8 +11,9 @@ import numpy as np
 from gymnasium.logger import warn
 
 from swarm._support import streams
+from swarm._support.arrays import where_chosen
 from swarm._support.checks import check_count, check_name
-from swarm.physics.starts import Draws, draw_noise, draw_starts
+from swarm.physics.starts import Draws, Starts, draw_noise, draw_starts
 from swarm.physics.world import Outcome, State, World
 
 RENDER_MODES = ["human", "rgb_array"]
@@ -85,7 +86,7 @@ class Arena:
             seed, episode = self.seed, int(self.episode.max()) + 1
         else:  # the global generators stay as they are
             seed, episode = int(np.random.SeedSequence().generate_state(1, np.uint64)[0]), 0
-        starts = draw_starts(self.world, self.n_swimmers, seed, population=POPULATION, episode=episode)
+        starts = self._starts(seed, episode)
         options = options or {}
         position = self._option(options, "position", starts.position)
         heading = self._option(options, "heading", starts.heading)
@@ -118,7 +119,7 @@ class Arena:
         for number in np.unique(episode[cells]):
             begun, past = self._begun(int(number))
             mask = cells & (episode == number)
-            state = State(*(_where(mask, new, old) for new, old in zip(begun, state, strict=True)))
+            state = State(*(where_chosen(mask, new, old) for new, old in zip(begun, state, strict=True)))
             action = np.where(mask, past, action)
         observation = self.world.observation(state)
         gain = np.where(cells, 0.0, self.gain).astype(self.dtype)
@@ -129,13 +130,14 @@ class Arena:
             del self._fresh[number]
         return observation
 
+    def _starts(self, seed: int, episode: int) -> Starts:
+        return draw_starts(self.world, self.n_swimmers, seed, population=POPULATION, episode=episode)
+
     def _begun(self, episode: int) -> tuple[State, np.ndarray]:
         """State and last action of all cells at the beginning of an episode."""
         if episode not in self._fresh:
             assert self.seed is not None
-            starts = draw_starts(
-                self.world, self.n_swimmers, self.seed, population=POPULATION, episode=episode
-            )
+            starts = self._starts(self.seed, episode)
             position, heading = starts.position.astype(self.dtype), starts.heading.astype(self.dtype)
             self._fresh[episode] = (self.world.start(position, heading, starts.past), starts.past[:, 0])
         return self._fresh[episode]
@@ -162,11 +164,8 @@ class Arena:
         # The sum of their squares tells whether any is not finite; what is wrong with a gain is observed too.
         if math.isfinite(np.vdot(observation, observation) + np.vdot(state.position, state.position)):
             return
-        for name, values in (
-            ("position", state.position),
-            ("concentration", gain),
-            ("observation", observation),
-        ):
+        found = {"position": state.position, "concentration": gain, "observation": observation}
+        for name, values in found.items():
             wrong = ~np.isfinite(values).reshape(self.n_swimmers, -1).all(axis=-1)
             if wrong.any():
                 i = int(wrong.argmax())
@@ -235,7 +234,3 @@ class Watched:
     def __getstate__(self) -> dict[str, Any]:
         """Everything but pictures and windows."""
         return self.__dict__ | {"_viewer": None}
-
-
-def _where(mask: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
-    return np.where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)

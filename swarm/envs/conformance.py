@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib
 import importlib.util
 import io
 import os
@@ -14,7 +15,11 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 from unittest import mock
 
+import gymnasium
 import numpy as np
+import pettingzoo
+from gymnasium.utils import env_checker, passive_env_checker
+from gymnasium.wrappers import vector as wrappers
 
 from swarm.envs import pettingzoo as face
 from swarm.envs.gymnasium import SpermSwarmVector
@@ -62,23 +67,24 @@ def checks() -> dict[str, Callable[[], object]]:
             f"PettingZoo api_test, {name}": functools.partial(_aec_api, settings),
             f"chemoswarm seed test, {name}": functools.partial(check_seeds, make),
         }
-    found |= {
-        "PettingZoo max_cycles_test": _max_cycles,
-        "PettingZoo parallel_seed_test": _parallel_seeds,
-        "PettingZoo seed_test": _aec_seeds,
+    one_by_one = functools.partial(face.env, SWIMMERS)
+    return found | {
+        "PettingZoo max_cycles_test": functools.partial(_theirs, "max_cycles_test", face),
+        "PettingZoo parallel_seed_test": functools.partial(_theirs, "parallel_seed_test", _parallel),
+        "PettingZoo seed_test": functools.partial(_theirs, "seed_test", one_by_one),
         "PettingZoo state_test": _states,
         "PettingZoo render_test": _pictures,
         "PettingZoo make": _registered,
         "Gymnasium spaces": _spaces,
         "Gymnasium reset and seeds": _vector_resets,
-        "Gymnasium returned data": _vector_data,
+        # which asks whether *the* environment has ended: of one cell
+        "Gymnasium returned data": lambda: env_checker.check_returned_data_not_reused(_vector(n_swimmers=1)),
         "Gymnasium wrappers, SameStep": functools.partial(_vector_wrappers, "SameStep"),
         "Gymnasium wrappers, NextStep": functools.partial(_vector_wrappers, "NextStep"),
         "Gymnasium make_vec": _vector_registered,
         "TorchRL check_env_specs": _torchrl_specs,
         "TorchRL PettingZooWrapper": _torchrl_wrapper,
     }
-    return found
 
 
 def run_check(name: str, check: Callable[[], object]) -> Check:
@@ -107,57 +113,34 @@ def _vector(**settings: Any) -> Any:
 # --- PettingZoo ---
 
 
-def _parallel_api(make: Callable[[], Any]) -> None:
-    from pettingzoo.test import parallel_api_test
+def _theirs(test: str, *given: Any, **options: Any) -> None:
+    """One of PettingZoo's own tests, which are imported when they are needed."""
+    getattr(importlib.import_module("pettingzoo.test"), test)(*given, **options)
 
-    parallel_api_test(make(), num_cycles=100)
+
+def _parallel_api(make: Callable[[], Any]) -> None:
+    _theirs("parallel_api_test", make(), num_cycles=100)
 
 
 def _aec_api(settings: dict[str, Any]) -> None:
-    from pettingzoo.test import api_test
-
     for make in (face.env, face.raw_env):
-        api_test(make(SWIMMERS, **({"life": 12.0} | settings)), num_cycles=60)
-
-
-def _max_cycles() -> None:
-    from pettingzoo.test import max_cycles_test
-
-    max_cycles_test(face)
-
-
-def _parallel_seeds() -> None:
-    from pettingzoo.test import parallel_seed_test
-
-    parallel_seed_test(_parallel)
-
-
-def _aec_seeds() -> None:
-    from pettingzoo.test import seed_test
-
-    seed_test(functools.partial(face.env, SWIMMERS))
+        _theirs("api_test", make(SWIMMERS, **({"life": 12.0} | settings)), num_cycles=60)
 
 
 def _states() -> None:
-    from pettingzoo.test.state_test import state_test
-
     for dtype in ("float64", "float32"):
-        state_test(face.env(SWIMMERS, dtype=dtype), face.parallel_env(dtype=dtype))
+        _theirs("state_test", face.env(SWIMMERS, dtype=dtype), face.parallel_env(dtype=dtype))
 
 
 def _pictures() -> None:
     _need("pygame", "the window")
-    from pettingzoo.test import render_test
-
     with mock.patch.dict(os.environ, SDL_VIDEODRIVER="dummy"):  # a display that nobody sees
-        render_test(functools.partial(face.env, SWIMMERS))
+        _theirs("render_test", functools.partial(face.env, SWIMMERS))
 
 
 def _registered() -> None:
-    from pettingzoo import AECEnv, ParallelEnv, make
-
-    for kind, base in (("parallel", ParallelEnv), ("aec", AECEnv)):
-        env = make(kind, "chemoswarm/sperm_swarm_v0", n_swimmers=2, max_cycles=3)
+    for kind, base in (("parallel", pettingzoo.ParallelEnv), ("aec", pettingzoo.AECEnv)):
+        env = pettingzoo.make(kind, "chemoswarm/sperm_swarm_v0", n_swimmers=2, max_cycles=3)
         env.reset(seed=0)
         assert isinstance(env, base), f"{kind} must make a {base.__name__}, got {env!r}"
         assert env.possible_agents == ["swimmer_0", "swimmer_1"]
@@ -207,14 +190,12 @@ def _exact(parts: Any) -> tuple[Any, ...]:
 
 
 def _spaces() -> None:
-    from gymnasium.utils.passive_env_checker import check_action_space, check_observation_space
-
     for settings in SETTINGS.values():
         env = _vector(**settings)
         for space in (env.observation_space, env.single_observation_space):
-            check_observation_space(space)
+            passive_env_checker.check_observation_space(space)
         for space in (env.action_space, env.single_action_space):
-            check_action_space(space)
+            passive_env_checker.check_action_space(space)
         observation, _ = env.reset(seed=0)
         for _ in range(100):
             assert observation in env.observation_space, "observations must lie in their space"
@@ -222,8 +203,6 @@ def _spaces() -> None:
 
 
 def _vector_resets() -> None:
-    from gymnasium.utils import env_checker
-
     for settings in SETTINGS.values():
         # a spec that says nothing is left to chance, so that the checks compare two runs
         env = _vector(**settings)
@@ -235,16 +214,8 @@ def _vector_resets() -> None:
         env_checker.check_reset_options(env)
 
 
-def _vector_data() -> None:
-    from gymnasium.utils.env_checker import check_returned_data_not_reused
-
-    check_returned_data_not_reused(_vector(n_swimmers=1))  # which asks whether *the* environment has ended
-
-
 def _vector_wrappers(mode: str) -> None:
     """Gymnasium's own wrappers count every life once, and find its last observation."""
-    from gymnasium.wrappers import vector as wrappers
-
     for settings in SETTINGS.values():
         counting = wrappers.RecordEpisodeStatistics(_vector(autoreset_mode=mode, **settings))
         env = wrappers.DictInfoToList(counting)
@@ -262,8 +233,6 @@ def _vector_wrappers(mode: str) -> None:
 
 
 def _vector_registered() -> None:
-    import gymnasium
-
     env = gymnasium.make_vec("chemoswarm/SpermSwarm-v0", num_envs=3, field="radial")
     env.reset(seed=0)
     assert env.num_envs == 3

@@ -14,7 +14,7 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from swarm._support import streams
-from swarm._support.arrays import namespace
+from swarm._support.arrays import namespace, where_chosen
 from swarm._support.checks import check_count, check_name
 from swarm._support.compiler import compiled
 from swarm.envs.arena import make_world, with_parameters
@@ -124,17 +124,12 @@ class SwarmEnv(EnvBase):
         position = np.zeros((self.n_worlds, self.n_swimmers, 2))
         heading = np.zeros((self.n_worlds, self.n_swimmers))
         past = np.zeros((self.n_worlds, self.n_swimmers, self.world.n_records), np.int64)
+        cells = self.n_worlds // len(self.seeds) * self.n_swimmers  # of each seed
         blocks = np.split(np.arange(self.n_worlds), len(self.seeds))
         for seed, block in zip(self.seeds, blocks, strict=True):
             for episode in np.unique(self.episode[block[chosen[block]]]).tolist():
                 members = block[chosen[block] & (self.episode[block] == episode)]
-                starts = draw_starts(
-                    self.world,
-                    len(block) * self.n_swimmers,
-                    seed,
-                    population=self.population,
-                    episode=episode,
-                )
+                starts = draw_starts(self.world, cells, seed, population=self.population, episode=episode)
                 for whole, part in zip((position, heading, past), starts, strict=True):
                     whole[members] = part.reshape(len(block), *whole.shape[1:])[members - block[0]]
         return self._begin(self.world.start(*map(self._array, (position, heading, past))), chosen)
@@ -154,7 +149,7 @@ class SwarmEnv(EnvBase):
             self._state = fresh
         else:
             mask = self._array(chosen)
-            self._state = State(*(_where(mask, *pair) for pair in zip(fresh, self._state, strict=True)))
+            self._state = State(*(where_chosen(mask, *pair) for pair in zip(fresh, self._state, strict=True)))
         self.observation = self._tensor(self.world.observation(self._state))
         return self.observation
 
@@ -217,7 +212,7 @@ class SwarmEnv(EnvBase):
         done = self._tensor(self._state.finished)[..., None]
         chosen = np.ones(self.n_worlds, bool) if worlds is None else worlds
         fresh = torch.as_tensor(chosen, device=self._place)
-        self._terminated = _where(fresh, torch.zeros_like(done), self._terminated)
+        self._terminated = where_chosen(fresh, torch.zeros_like(done), self._terminated)
         return self._pack(observation, self.gain(), done)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
@@ -318,7 +313,3 @@ def _decision(world: World, state: State, action: Array, noise: Array | None) ->
 def _part_by_part(array: Tensor) -> Tensor:
     """(worlds, cells, ...) in memory as the world makes it, for which decisions are compiled."""
     return array.movedim((0, 1), (-2, -1)).contiguous().movedim((-2, -1), (0, 1))
-
-
-def _where(mask: Array, new: Array, old: Array) -> Array:
-    return namespace(old).where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)

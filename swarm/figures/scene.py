@@ -12,7 +12,7 @@ from contourpy import contour_generator
 from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection, LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
+from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
@@ -165,9 +165,13 @@ class Scene:
         values = shown[known] if known.any() else shown
         low, high = 0.0 if world.in_flow else float(values.min()), float(values.max())
         self.span = min(low, self.span[0]), max(high, self.span[1])
-        colours = self.colours(Normalize(*self.span)(shown), bytes=True)
-        colours[~known, :3] = 0.2 * colours[~known, :3] + 0.8 * 255 * np.array(to_rgb(PAPER))
-        self._show(np.asarray(Image.fromarray(colours).resize((SIZE, SIZE), Image.Resampling.BICUBIC)), 0, 0)
+        part = (shown - self.span[0]) / max(float(np.ptp(self.span)), 1e-12)
+        colours = self.colours(np.arange(256), bytes=True).view(np.uint32).ravel()
+        water = colours[_enlarged(255 * np.clip(part, 0, 1))].view(np.uint8).reshape(SIZE, SIZE, 4)
+        if not known.all():
+            veil = 0.8 / 255 * _enlarged(255 * ~known)[..., None]
+            water[..., :3] = (1 - veil) * water[..., :3] + veil * 255 * np.array(to_rgb(PAPER))
+        self._show(water, 0, 0)
         low, high = float(concentration.min()), float(concentration.max())
         if high <= low:
             return
@@ -244,7 +248,7 @@ class Scene:
         """Time, gain, how many swim; mean gain over time between the least and the largest of all cells."""
         time, mean, least, largest = curve.T
         self._write(LEFT, 84, f"{time[-1]:.2f}", fontsize=27, weight="bold")
-        self._write(LEFT, 162, _signed(f"{mean[-1]:+.2f}"), fontsize=27, weight="bold", color=GOLD)
+        self._write(LEFT, 162, _signed(f"{mean[-1]:+z.2f}"), fontsize=27, weight="bold", color=GOLD)
         self._write(LEFT, 366, f"{int((~finished).sum())} of {len(finished)}", fontsize=18)
         ends = min(float(least.min()), 0.0), max(float(largest.max()), 1e-9)
         x = np.interp(time, (0, max(time[-1], 1e-9)), (LEFT, RIGHT))
@@ -296,6 +300,12 @@ def places_behind(trail: Sequence[Segment], share: float, back: np.ndarray) -> n
     return np.hstack(
         [segment.places(share + i - back[age == i]) for i, segment in enumerate(reversed(trail))]
     )
+
+
+def _enlarged(values: np.ndarray) -> np.ndarray:
+    """Values from 0 to 255 on the grid, smooth and rounded on the pixels of the square."""
+    coarse = Image.fromarray(np.rint(values).astype(np.uint8))
+    return np.asarray(coarse.resize((SIZE, SIZE), Image.Resampling.BICUBIC))
 
 
 def nice_step(span: float) -> float:

@@ -36,19 +36,14 @@ class Problem:
     @cached_property
     def life_ticks(self) -> int:
         """Ticks of a life; the last one may be cut short."""
-        return self.ticks_in(self.life)
-
-    def ticks_in(self, life: float) -> int:
-        """Ticks of a life, as the world counts them."""
-        return max(1, int(np.ceil(life / self.tick - 1e-9)))
+        return max(1, int(np.ceil(self.life / self.tick - 1e-9)))  # as the world counts them
 
     def duration(self, action: int, left: np.ndarray | int) -> np.ndarray:
         """Length (...) of the next interval with `left` (...) ticks to live: the last is cut short [time]."""
         whole = self.ticks[action]
         missing = self.life_ticks * self.tick - self.life  # of the last tick
-        return np.where(
-            np.asarray(left) > whole, whole * self.tick, np.maximum(left * self.tick - missing, 0.0)
-        )
+        cut = np.maximum(left * self.tick - missing, 0.0)
+        return np.where(np.asarray(left) > whole, whole * self.tick, cut)
 
     def after(self, action: int, left: np.ndarray | int) -> np.ndarray:
         """Ticks left (...) after that interval."""

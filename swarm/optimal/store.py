@@ -24,7 +24,7 @@ import platformdirs
 
 from swarm._support import tensors
 from swarm.optimal.problem import Problem
-from swarm.optimal.tables import VortexLimit, VortexTables
+from swarm.optimal.tables import Grids, Shapes, VortexLimit, VortexTables
 
 SHIPPED = Path(__file__).parents[1] / "zoo" / "limits"
 CACHE = "CHEMOSWARM_CACHE"  # environment variable: the folder for what is computed
@@ -32,7 +32,6 @@ SCHEME = 1  # rises when the same parameters give other tables
 MAX_FILE = 256 * 2**20  # [bytes]
 
 Tables = type[VortexLimit] | type[VortexTables]
-NAMES: dict[Tables, str] = {VortexLimit: "limit", VortexTables: "policy"}
 
 
 def cache_folder() -> Path:
@@ -40,12 +39,12 @@ def cache_folder() -> Path:
     return Path(os.environ.get(CACHE) or platformdirs.user_cache_path("chemoswarm", appauthor=False))
 
 
-def key_of(kind: Tables, problem: Problem, grids: tuple[tuple[int, int], ...]) -> dict[str, Any]:
+def key_of(kind: Tables, problem: Problem, grids: Grids) -> dict[str, Any]:
     """All that the tables depend on."""
     assert problem.flow is not None
     parameters = {item.name: getattr(problem, item.name) for item in dataclasses.fields(problem)}
     parameters["flow"] = {"speed_scale": problem.flow.speed_scale, "wavenumber": problem.flow.wavenumber}
-    plain = {"kind": NAMES[kind], "scheme": SCHEME, "grids": grids, **parameters}
+    plain = {"kind": kind.name, "scheme": SCHEME, "grids": grids, **parameters}
     return json.loads(json.dumps(plain))
 
 
@@ -56,7 +55,7 @@ def file_name(key: dict[str, Any]) -> str:
 
 
 @lru_cache(maxsize=8)
-def tables(kind: Any, problem: Problem, grids: tuple[tuple[int, int], ...]) -> Any:
+def tables(kind: Any, problem: Problem, grids: Grids) -> Any:
     """The tables, shipped, kept or computed; what takes long or goes wrong is said in a line."""
     key = key_of(kind, problem, grids)
     for folder in (SHIPPED, cache_folder()):
@@ -82,9 +81,7 @@ def write(path: Path, key: dict[str, Any], arrays: dict[str, np.ndarray]) -> Non
     tensors.write(path, arrays, {"key": key, "digest": _digest(arrays)})
 
 
-def read(
-    path: Path, key: dict[str, Any], shapes: dict[str, tuple[type, tuple[int, ...]]]
-) -> dict[str, np.ndarray]:
+def read(path: Path, key: dict[str, Any], shapes: Shapes) -> dict[str, np.ndarray]:
     """The arrays of a file; raises ValueError unless they are all that `key` asks for, whole and finite."""
 
     def check(card: dict[str, Any], stored: tensors.Shapes) -> None:

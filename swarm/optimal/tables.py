@@ -21,6 +21,9 @@ from swarm.optimal.problem import Problem, heading_angle
 from swarm.optimal.vortices import Grid, Progress, backward, commensurate_headings
 from swarm.physics.motion.arc import Pose
 
+Grids = tuple[tuple[int, int], ...]  # places, headings at least
+Shapes = dict[str, tuple[type, tuple[int, ...]]]  # of tensors by name
+
 GRIDS = ((40, 32), (56, 64), (80, 96))  # places and, at least, headings: for the limit
 KEPT_PLACES = 40  # of the grid that the limit is kept on
 POLICY_GRID = (40, 32)
@@ -44,30 +47,32 @@ def grid_of(problem: Problem, places: int, headings: int) -> Grid:
 
 
 @dataclass(frozen=True)
-class VortexLimit:
-    """The largest gain of a life in the flow, per unit of c_k [length], by ever finer grids."""
+class _Kept:
+    """Tables of a problem on grids."""
 
     problem: Problem
-    grids: tuple[tuple[int, int], ...]  # places, headings at least
-    tensors: dict[str, np.ndarray]  # "means" (grids,) float64, "values" (grids, points) float16
+    grids: Grids
+    tensors: dict[str, np.ndarray]  # see `shapes`
+
+
+class VortexLimit(_Kept):
+    """The largest gain of a life in the flow, per unit of c_k [length], by ever finer grids."""
+
+    name = "limit"
 
     @staticmethod
-    def kept_on(problem: Problem, grids: tuple[tuple[int, int], ...]) -> Grid:
+    def kept_on(problem: Problem, grids: Grids) -> Grid:
         """The grid that the values are kept on."""
         return grid_of(problem, min(KEPT_PLACES, grids[-1][0]), grids[-1][1])
 
     @classmethod
-    def shapes(
-        cls, problem: Problem, grids: tuple[tuple[int, int], ...]
-    ) -> dict[str, tuple[type, tuple[int, ...]]]:
+    def shapes(cls, problem: Problem, grids: Grids) -> Shapes:
         """Type and shape of every tensor."""
         points = math.prod(cls.kept_on(problem, grids).shape)
         return {"means": (np.float64, (len(grids),)), "values": (np.float16, (len(grids), points))}
 
     @classmethod
-    def compute(
-        cls, problem: Problem, grids: tuple[tuple[int, int], ...] = GRIDS, progress: Progress | None = None
-    ) -> VortexLimit:
+    def compute(cls, problem: Problem, grids: Grids = GRIDS, progress: Progress | None = None) -> VortexLimit:
         """The limit on all the grids."""
         kept = cls.kept_on(problem, grids)
         coordinates = kept.coordinates(kept.pose(*kept.points))
@@ -96,18 +101,13 @@ class VortexLimit:
         return dict(zip(names, by_grid.T, strict=True))
 
 
-@dataclass(frozen=True)
-class VortexTables:
-    """The largest gain still to come in the flow at all times left, as a sum of components."""
+class VortexTables(_Kept):
+    """The largest gain still to come in the flow at all times left, on one grid, as a sum of components."""
 
-    problem: Problem
-    grids: tuple[tuple[int, int], ...]  # one: places, headings at least
-    tensors: dict[str, np.ndarray]  # see `shapes`
+    name = "policy"
 
     @classmethod
-    def shapes(
-        cls, problem: Problem, grids: tuple[tuple[int, int], ...]
-    ) -> dict[str, tuple[type, tuple[int, ...]]]:
+    def shapes(cls, problem: Problem, grids: Grids) -> Shapes:
         """Type and shape of every tensor."""
         points, times = math.prod(grid_of(problem, *grids[0]).shape), len(problem.times)
         components = min(COMPONENTS, times)
@@ -119,19 +119,15 @@ class VortexTables:
 
     @classmethod
     def compute(
-        cls,
-        problem: Problem,
-        grids: tuple[tuple[int, int], ...] = (POLICY_GRID,),
-        progress: Progress | None = None,
+        cls, problem: Problem, grids: Grids = (POLICY_GRID,), progress: Progress | None = None
     ) -> VortexTables:
         """The tables on one grid. Where times are too many to keep them all, they are computed twice."""
         grid = grid_of(problem, *grids[0])
         stride = math.ceil(len(problem.times) / SAMPLES)
         fast = is_fast(problem)
         means, samples = [], []
-        for row, (mean, rest) in enumerate(
-            backward(problem, grid, monotone=fast, progress=_part(progress, 0.0, 1.0 if stride == 1 else 0.5))
-        ):
+        report = _part(progress, 0.0, 1.0 if stride == 1 else 0.5)
+        for row, (mean, rest) in enumerate(backward(problem, grid, monotone=fast, progress=report)):
             means.append(mean)
             if row % stride == 0:
                 samples.append(rest)

@@ -105,9 +105,8 @@ class Grid:
 def commensurate_headings(problem: Problem, least: int) -> int:
     """Number of headings, `least` or up to a third more, that all actions turn by in nearly whole steps."""
     pairs = zip(problem.curvatures, problem.speeds, problem.ticks, strict=True)
-    turns = np.array([curvature * speed * ticks * problem.tick for curvature, speed, ticks in pairs]) / (
-        2 * np.pi
-    )
+    turned = np.array([curvature * speed * ticks * problem.tick for curvature, speed, ticks in pairs])
+    turns = turned / (2 * np.pi)
     choices = np.arange(least, max(least + 1, 4 * least // 3 + 1))
     steps = choices[:, None] * turns
     return int(choices[np.argmin(np.abs(steps - np.rint(steps)).max(axis=1))])
@@ -155,11 +154,9 @@ class _Decision:
     def __init__(self, problem: Problem, grid: Grid, action: int, left: int, monotone: bool) -> None:
         speed, duration = problem.speeds[action], float(problem.duration(action, left))
         motion = _Motion(grid, problem, problem.curvatures[action], speed, duration)
-        size = len(grid.points[0])
-        parts = [
-            motion.offsets(*(part[first : first + CHUNK] for part in grid.points))
-            for first in range(0, size, CHUNK)
-        ]
+        starts = range(0, len(grid.points[0]), CHUNK)
+        chunks = ([part[first : first + CHUNK] for part in grid.points] for first in starts)
+        parts = [motion.offsets(*chunk) for chunk in chunks]
         theta, x, y, rise = (np.concatenate(part) for part in zip(*parts, strict=True))
         self.rise = rise.astype(np.float32)
         self.readings = [_reading(grid, axis, offset) for axis, offset in ((0, theta), (2, y), (1, x))]

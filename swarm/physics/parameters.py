@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from swarm._support.checks import (
+    Checked,
     check_box,
     check_count,
     check_flag,
@@ -20,18 +21,17 @@ from swarm._support.checks import (
     check_methods,
     check_name,
     check_number,
-    check_point,
+    check_pair,
+    optional,
     parameter,
-    settle_all,
 )
 from swarm.physics.fields import FIELDS, Field
 from swarm.physics.flows import FLOWS, Flow, StillWater
 from swarm.physics.motion import clock
 from swarm.physics.motion.clock import Clock
-from swarm.physics.motion.collocation import Collocation
 from swarm.physics.motion.swimmer import Swimmer
-from swarm.physics.perception import SENSORS, MemoryWithFlow, Sensor, check_sensor
-from swarm.physics.rewards import REWARDS, Reward, check_reward
+from swarm.physics.perception import Memory, MemoryWithFlow, Sensor, check_sensor
+from swarm.physics.rewards import Reward, check_reward
 
 Array = Any
 
@@ -66,14 +66,10 @@ def _check_options(name: str, part: Any) -> None:
             rule = {"at_least" if option in bounds else "above": 0.0}
             check_number(f"{name}.{option}", getattr(part, option), **rule)
     if getattr(part, "egg_radius", None) is not None:
-        check_point(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
+        check_pair(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
     for option, check in (("box", check_box), ("inside", check_function)):
         if getattr(part, option, None) is not None:
             check(f"{name}.{option}", getattr(part, option))
-
-
-def _check_start_box(name: str, value: Any) -> Any:
-    return None if value is None else check_box(name, value)
 
 
 def _check_curvatures(name: str, values: Any) -> tuple[float, ...]:
@@ -91,30 +87,11 @@ def _check_curvatures(name: str, values: Any) -> tuple[float, ...]:
     return curvatures
 
 
-def _check_speeds(name: str, values: Any) -> tuple[float, float]:
-    rule = f"{name} must be two positive numbers, got {values!r}"
-    try:
-        first, last = (check_number(name, value, above=0.0) for value in values)
-    except TypeError:
-        raise TypeError(rule) from None
-    except ValueError:
-        raise ValueError(rule) from None
-    return first, last
-
-
-def _check_sensor(name: str, value: Any) -> Any:
-    return None if value is None else check_sensor(name, SENSORS.make(value))
-
-
-def _check_reward(name: str, value: Any) -> Reward:
-    return check_reward(name, REWARDS.make(value))
-
-
 # --- parameters and what follows from them ----------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Parameters:
+class Parameters(Checked):
     """Parameters of a world; the paper's values are the defaults. They check themselves when made.
 
     A field, a flow, a sensor or a reward is an object, its name, or `{"type": name, parameter: value, …}`.
@@ -127,10 +104,12 @@ class Parameters:
     sense_flow: bool = parameter(False, check_flag)  # short for sensor="memory_with_flow"
     varying_speed: bool = parameter(False, check_flag)  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
     life: float = parameter(80.0, check_number, above=0.0)  # t_life [time], paper table 1
-    start_box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, _check_start_box)
+    start_box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, optional(check_box))
     curvatures: tuple[float, ...] = parameter((3.0, 5.0), _check_curvatures)  # κ₁ … κ_m [1 / length], table 1
     speed: float = parameter(1.0, check_number, above=0.0)  # v [length / time], paper table 1
-    speeds: tuple[float, float] = parameter((1.1, 0.9), _check_speeds)  # v₁, v₂, paper table 1
+    speeds: tuple[float, float] = parameter(  # v₁, v₂, paper table 1
+        (1.1, 0.9), check_pair, rule="two positive numbers", above=0.0
+    )
     time_step: float = parameter(0.02, check_number, above=0.0)  # Δt, tick of the clock [time], paper table 1
     interval_rule: str = parameter("truncated", check_name, known=clock.RULES)  # ΔT, see `Clock`
     # standard deviation of a record's concentration [concentration], and of the curvature swum during an
@@ -138,13 +117,13 @@ class Parameters:
     concentration_noise: float = parameter(0.0, check_number, at_least=0.0)
     curvature_noise: float = parameter(0.0, check_number, at_least=0.0)
     rotational_diffusion: float = parameter(0.0, check_number, at_least=0.0)
-    sensor: Sensor = parameter(None, _check_sensor)  # what a record holds; None: as `sense_flow` says
-    reward: Reward = parameter("own", _check_reward)
+    sensor: Sensor = parameter(None, optional(check_sensor))  # what a record holds; None: see `sense_flow`
+    reward: Reward = parameter("own", check_reward)
 
     def __post_init__(self) -> None:
-        settle_all(self)
+        super().__post_init__()
         if self.sensor is None:
-            object.__setattr__(self, "sensor", SENSORS["memory_with_flow" if self.sense_flow else "memory"]())
+            object.__setattr__(self, "sensor", MemoryWithFlow() if self.sense_flow else Memory())
         senses_flow = isinstance(self.sensor, MemoryWithFlow)
         if self.sense_flow and not senses_flow:
             raise ValueError(f"sense_flow must go with the sensor memory_with_flow, got {self.sensor!r}")
@@ -159,7 +138,7 @@ class Parameters:
             raise ValueError(
                 f"mean curvature × speed must lie between 1e-9 and 1e9 rad per time, got {rates}"
             )
-        _ = self.swimmer  # raises where intervals cannot be counted or the flow varies too fast
+        _ = self.swimmer.scheme  # raises where intervals cannot be counted or the flow varies too fast
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -237,8 +216,8 @@ class Parameters:
     @cached_property
     def swimmer(self) -> Swimmer:
         """What each action does."""
-        scheme = self.scheme if self.in_flow else None
-        return Swimmer(self.curvatures, self.action_speeds, self.clock, self.flow, scheme)
+        spacing = self.time_step if self.egg is not None else None  # of the places where its path is tested
+        return Swimmer(self.curvatures, self.action_speeds, self.clock, self.flow, spacing)
 
     @cached_property
     def has_noise(self) -> bool:
@@ -267,21 +246,13 @@ class Parameters:
         radius = getattr(self.field, "egg_radius", None)
         if radius is None:
             return None
-        return check_point("egg_position", getattr(self.field, "egg_position", (0.0, 0.0))), float(radius)
+        return check_pair("egg_position", getattr(self.field, "egg_position", (0.0, 0.0))), float(radius)
 
     @cached_property
     def domains(self) -> tuple[Any, ...]:
         """The field's and the flow's `inside`, where they have one."""
         parts = (getattr(part, "inside", None) for part in (self.field, self.flow))
         return tuple(inside for inside in parts if inside is not None)
-
-    @cached_property
-    def scheme(self) -> Collocation:
-        """How an interval in the flow is integrated."""
-        lengths = [speed * time for speed, time in zip(self.action_speeds, self.intervals, strict=True)]
-        turns = [kappa * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
-        spacing = self.time_step if self.egg is not None else None
-        return Collocation.for_interval(self.flow, max(turns), max(lengths), max(self.intervals), spacing)
 
     @property
     def observation_bounds(self) -> np.ndarray:

@@ -124,8 +124,9 @@ class MemoryWithFlow(Memory):
         return *super().bounds(world), speed, speed, spin
 
 
-def check_sensor(name: str, sensor: Any) -> Sensor:
-    """Return `sensor`; raises TypeError or ValueError unless it can be asked for records."""
+def check_sensor(name: str, value: Any) -> Sensor:
+    """The sensor that `value` is or describes; raises TypeError or ValueError unless it can take records."""
+    sensor = SENSORS.make(value)
     if isinstance(sensor, type) or not isinstance(sensor, Sensor):
         rule = f"{name} must be an object with name, names, record(world, time, situation) and bounds(world)"
         raise TypeError(f"{rule}, or one of {', '.join(sorted(SENSORS))}, got {sensor!r}")

@@ -53,8 +53,9 @@ class Team(Own):
         return total / xp.where(living > 0, living, living + 1) + nothing
 
 
-def check_reward(name: str, reward: Any) -> Reward:
-    """Return `reward`; raises TypeError unless it can be asked for rewards."""
+def check_reward(name: str, value: Any) -> Reward:
+    """The reward that `value` is or describes; raises TypeError or ValueError unless it can be asked for."""
+    reward = REWARDS.make(value)
     if isinstance(reward, type) or not isinstance(reward, Reward):
         rule = f"{name} must be an object with reward(world, before, after, outcome)"
         raise TypeError(f"{rule}, or one of {', '.join(sorted(REWARDS))}, got {reward!r}")

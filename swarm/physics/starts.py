@@ -45,37 +45,31 @@ def draw_starts(
         raise ValueError(
             f"start_box must leave room outside the egg (position, radius) = {world.egg}, got {world.box}"
         )
-    past = streams.generator(population, "past", seed, episode).integers(
-        world.n_actions, size=(cells, world.n_records)
-    )
+    pasts = streams.generator(population, "past", seed, episode)
+    past = pasts.integers(world.n_actions, size=(cells, world.n_records))
     return Starts(poses[:, :2].copy(), poses[:, 2].copy(), past)
 
 
-def draw_noise(
+def draw_noise(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:
+    """Standard normal numbers (cells, decisions, 3) for the world's perturbations in a `_block`."""
+    return _block("noise", seed, **block).standard_normal((cells, decisions, 3))
+
+
+def draw_chance(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:
+    """Numbers (cells, decisions) in [0, 1) for policies that leave something to chance, in a `_block`."""
+    return _block("policy", seed, **block).random((cells, decisions))
+
+
+def _block(
+    purpose: streams.Purpose,
     seed: int,
-    cells: int,
-    decisions: int,
     *,
     population: streams.Population = "test",
     episode: int = 0,
     block: int = 0,
-) -> np.ndarray:
-    """Standard normal numbers (cells, decisions, 3) for the world's perturbations, one block of decisions at
-    a time."""
-    return streams.generator(population, "noise", seed, episode, block).standard_normal((cells, decisions, 3))
-
-
-def draw_chance(
-    seed: int,
-    cells: int,
-    decisions: int,
-    *,
-    population: streams.Population = "test",
-    episode: int = 0,
-    block: int = 0,
-) -> np.ndarray:
-    """Numbers (cells, decisions) in [0, 1) for policies that leave something to chance, block by block."""
-    return streams.generator(population, "policy", seed, episode, block).random((cells, decisions))
+) -> np.random.Generator:
+    """What draws the numbers of one block of an episode's decisions."""
+    return streams.generator(population, purpose, seed, episode, block)
 
 
 class Draws:
@@ -122,14 +116,8 @@ class Draws:
         count = self._cells[0] // len(self._seeds)
         numbers = None if stale.all() else self._numbers.copy()
         for seed, episode, block in wanted:
-            drawn = self._draw(
-                self._seeds[seed],
-                count * math.prod(self._cells[1:]),
-                NOISE_BLOCK,
-                population=self._population,
-                episode=episode,
-                block=block,
-            )
+            cells, where = count * math.prod(self._cells[1:]), {"episode": episode, "block": block}
+            drawn = self._draw(self._seeds[seed], cells, NOISE_BLOCK, population=self._population, **where)
             drawn = drawn.reshape(count, *self._cells[1:], *drawn.shape[1:]).astype(self._dtype, copy=False)
             if len(wanted) == 1 and numbers is None:  # all groups are in it: nothing is copied
                 numbers = drawn

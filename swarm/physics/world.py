@@ -16,7 +16,7 @@ import numpy as np
 from swarm._support.arrays import as_array, join, look_up, namespace, nowhere
 from swarm._support.checks import check_cells
 from swarm.physics import perception
-from swarm.physics.motion.arc import Pose, closest_approach, components, turned, unit
+from swarm.physics.motion.arc import Pose, closest_approach, comes_within, components, turned, unit
 from swarm.physics.motion.swimmer import Interval
 from swarm.physics.parameters import Parameters
 from swarm.physics.perception import Situation
@@ -79,13 +79,17 @@ class World(Parameters):
             as_array(np.asarray(values), position)
             for values in (self.curvatures, self.action_speeds, self.intervals)
         ]
-        pose, records = Pose(position, heading), []
+        pose = Pose(position, heading)
+        records: list[Sequence[Array]] = []
         for i in range(self.n_records):
             curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
             sensed = self.field.concentration(pose.position)
             records.append(self._record(pose, sensed, self.normal_curvature(curvature), finished, count))
             if i < self.n_records - 1:
                 pose = self.swimmer.swim_back(pose, curvature, speed, interval)
+        if len(records[0]) != self.features:
+            names = ", ".join(self.sensor.names)
+            raise ValueError(f"sensor must record a number for each of {names}, got {len(records[0])}")
         return State(
             position=position,
             heading=heading,
@@ -199,27 +203,15 @@ class World(Parameters):
         for inside in self.domains:
             truncated = truncated | ~inside(pose.position)
         if self.egg is not None:
+            centre, radius = self.egg
             if path is None:
                 curvature = self.swimmer.swum_curvature(action, kick, pose.position)
-                terminated = self._met_on_arc(state, curvature, interval.speed * interval.length)
+                length = interval.speed * interval.length
+                terminated = closest_approach(state.pose, curvature, length, centre) <= radius
             else:
-                terminated = self._met_on_path(pose, path)
+                terminated = comes_within(path, pose.position, centre, radius)
             terminated = terminated & ~state.finished
             truncated = truncated & ~terminated
         if self._ends_early:
             finished = truncated | terminated | state.finished
         return terminated, truncated, finished
-
-    def _met_on_arc(self, state: State, curvature: Array, length: Array) -> Array:
-        """Whether an arc comes within reach of the egg."""
-        assert self.egg is not None
-        centre, radius = self.egg
-        return closest_approach(state.pose, curvature, length, centre) <= radius
-
-    def _met_on_path(self, pose: Pose, path: Array) -> Array:
-        """Whether one of the places of a path does, or its end."""
-        assert self.egg is not None
-        centre, radius = self.egg
-        xp = namespace(path)
-        from_egg = xp.concat([path, pose.position[None, ...]], axis=0) - as_array(np.asarray(centre), path)
-        return xp.any(from_egg[..., 0] ** 2 + from_egg[..., 1] ** 2 <= radius**2, axis=0)

@@ -36,6 +36,7 @@ from swarm.policies.policy_file import (
 Array = Any
 
 ZOO = "zoo:"  # what names of shipped policies begin with
+SUFFIX = ".safetensors"
 BLOCK = 64  # rows that are always computed together
 
 
@@ -52,17 +53,13 @@ class Network:
         self.biases = tuple(_layer(f"layers.{i}.bias", array) for i, array in enumerate(biases))
         _check_chain(self.weights, self.biases)
         self.card = check_card({**card, "n_actions": card.get("n_actions", self.n_actions)})
-        size = self.n_records * self.features
+        rule, size = "card must describe the network", self.n_records * self.features
         if size != self.n_inputs:
-            raise PolicyError(
-                f"card must describe the network: n_records × features is "
-                f"{self.n_records} × {self.features} = {size}, got {self.n_inputs} inputs"
-            )
+            product = f"n_records × features is {self.n_records} × {self.features} = {size}"
+            raise PolicyError(f"{rule}: {product}, got {self.n_inputs} inputs")
         if self.card["n_actions"] != self.n_actions:
-            raise PolicyError(
-                f"card must describe the network: n_actions is {self.card['n_actions']}, "
-                f"got {self.n_actions} outputs"
-            )
+            stated = self.card["n_actions"]
+            raise PolicyError(f"{rule}: n_actions is {stated}, got {self.n_actions} outputs")
 
     def __repr__(self) -> str:
         nodes = "-".join(str(size) for size in (self.n_inputs, *(len(bias) for bias in self.biases)))
@@ -176,13 +173,8 @@ def load_policy(name: str | os.PathLike) -> Network:
 def zoo_names() -> list[str]:
     """Names of the shipped policies, without "zoo:"."""
     folder = resources.files("swarm") / "zoo"
-    if not folder.is_dir():
-        return []
-    return sorted(
-        item.name.removesuffix(".safetensors")
-        for item in folder.iterdir()
-        if item.name.endswith(".safetensors")
-    )
+    names = [item.name for item in folder.iterdir()] if folder.is_dir() else []
+    return sorted(name.removesuffix(SUFFIX) for name in names if name.endswith(SUFFIX))
 
 
 def _read(path: Path, source: str) -> Network:
@@ -211,8 +203,7 @@ def _load_from_zoo(name: str) -> Network:
         check_name("shipped policy", name, names)
     except ValueError as error:
         raise PolicyError(str(error)) from None
-    path = Path(str(resources.files("swarm") / "zoo" / f"{name}.safetensors"))
-    return _read(path, ZOO + name)
+    return _read(Path(str(resources.files("swarm") / "zoo" / f"{name}{SUFFIX}")), ZOO + name)
 
 
 def _layer(name: str, array: Any) -> np.ndarray:

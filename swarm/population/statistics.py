@@ -1,16 +1,26 @@
-"""Statistics of a population test: spread, intervals, comparison with greedy and with the limit."""
+"""Statistics of population tests: spread, comparison with greedy and the limit, and confidence intervals.
+
+Intervals are of means over training seeds and test cells, which are crossed: every seed's policy is tested on
+the same cells, so a value is μ + a(seed) + b(cell) + e(seed, cell), and the mean of S × C of them has the
+variance σ_a²/S + σ_b²/C + σ_e²/(S C). The variance of the seeds' means over S and that of the cells' means
+over C both hold the last term, which is therefore taken off once. The sum has Student's t, with degrees of
+freedom by Satterthwaite (1946). `tests/population/coverage.py` measures how often the intervals hold the
+truth.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarm.population.intervals import mean_interval
 from swarm.population.results import RIVAL
 
 if TYPE_CHECKING:
     import xarray as xr
+
+LEVEL = 0.95  # of every interval
 
 
 def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
@@ -42,3 +52,56 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
 def fraction_of_limit(gain: float, limit: float | None) -> float | None:
     """The part of the limit that is gained; None where no limit is known, or none above 0 (short lives)."""
     return None if limit is None or limit <= 0 else gain / limit
+
+
+def mean_interval(sample: np.ndarray) -> list[float] | None:
+    """95% interval [low, high] of the mean of (seeds, cells) or of one policy's (cells,); see `margin`."""
+    half = margin(sample)
+    return None if half is None else [float(np.mean(sample) - half), float(np.mean(sample) + half)]
+
+
+def margin(*samples: np.ndarray, weights: Sequence[float] = (1.0,), shared_cells: bool = True) -> Any:
+    """Half the width (...) of the 95% interval of the weighted sum of the samples' means.
+
+    Samples are (..., seeds, cells), or (cells,) of one policy. Each has seeds of its own; the cells are the
+    same for all of them, or each sample has its own (`shared_cells=False`). With one seed only cells vary:
+    that is all there is to a strategy, but says nothing of other trainings. None for a single number.
+    Raises ValueError unless samples fit one another and the weights.
+    """
+    values = [np.atleast_2d(np.asarray(sample, np.float64)) for sample in samples]
+    cells = {sample.shape[-1] for sample in values}
+    if len(weights) != len(values) or (shared_cells and len(cells) > 1):
+        shapes = ", ".join(str(sample.shape) for sample in values)
+        raise ValueError(f"samples must be {len(weights)}, with the same cells, got the shapes {shapes}")
+    added, taken_off, by_cell = [], [], []
+    for weight, sample in zip(weights, values, strict=True):
+        n_seeds, n_cells = sample.shape[-2:]
+        of_seed, of_cell = weight * sample.mean(axis=-1), weight * sample.mean(axis=-2)
+        by_cell.append(of_cell)
+        if n_seeds > 1:
+            added.append(_variance(of_seed))
+        if n_seeds > 1 and n_cells > 1:
+            mean = of_seed.mean(axis=-1)[..., None, None]
+            rest = weight * sample - of_seed[..., None] - of_cell[..., None, :] + mean
+            freedom = (n_seeds - 1) * (n_cells - 1)
+            taken_off.append((np.sum(rest**2, axis=(-2, -1)) / (freedom * n_seeds * n_cells), freedom))
+    by_cell = [np.sum(np.stack(np.broadcast_arrays(*by_cell)), axis=0)] if shared_cells else by_cell
+    added += [_variance(each) for each in by_cell if each.shape[-1] > 1]
+    return _half_width(added, taken_off) if added else None
+
+
+def _variance(means: np.ndarray) -> tuple[Any, int]:
+    """Variance (...) of the mean of independent numbers (..., n), and its degrees of freedom."""
+    length = means.shape[-1]
+    return means.var(axis=-1, ddof=1) / length, length - 1
+
+
+def _half_width(added: list[tuple[Any, int]], taken_off: list[tuple[Any, int]]) -> Any:
+    from scipy.special import stdtrit
+
+    variance = sum(each for each, _ in added) - sum(each for each, _ in taken_off)
+    largest = np.max(np.stack(np.broadcast_arrays(*(each for each, _ in added))), axis=0)
+    variance = np.where(variance > 0, variance, largest)  # less than nothing is chance
+    doubt = np.asarray(sum(each**2 / freedom for each, freedom in added + taken_off))
+    freedom = np.divide(variance**2, doubt, out=np.ones_like(doubt), where=doubt > 0)
+    return stdtrit(np.maximum(freedom, 1.0), (1 + LEVEL) / 2) * np.sqrt(variance)

@@ -16,7 +16,7 @@ from swarm._support.checks import (
     check_methods,
     check_name,
     check_number,
-    check_point,
+    check_pair,
 )
 from swarm.physics.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
 from swarm.physics.flows import FunctionFlow, PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, Vortex
@@ -122,7 +122,7 @@ def test_what_lacks_methods_is_told_which():
 
 def test_functions_points_and_boxes():
     assert check_function("thing", len) is len
-    assert check_point("thing", [1, np.float32(2)]) == (1.0, 2.0)
+    assert check_pair("thing", [1, np.float32(2)]) == (1.0, 2.0)
     assert check_box("thing", [[0, 1], (2, 2)]) == ((0.0, 1.0), (2.0, 2.0))
     for bad in (3, [1, 2], ((0, 1), (2, 1)), ((0, 1),), ((0, math.nan), (0, 1)), ((0, 1, 2), (0, 1)), "ab"):
         with pytest.raises(ValueError, match=r"thing must be \(\(x_low, x_high\), \(y_low, y_high\)\)"):

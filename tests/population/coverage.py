@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarm._support.tables import Table
-from swarm.population.intervals import margin
+from swarm.population.statistics import margin
 
 SEEDS, CELLS = (3, 5, 10, 20), (40, 400)
 RATIOS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # spread of seeds per spread of cells

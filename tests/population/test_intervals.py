@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from swarm.population.intervals import margin
+from swarm.population.statistics import margin
 from tests.population.coverage import CELLS, DESIGNS, RATIOS, SEEDS, coverage
 
 
@@ -79,4 +79,5 @@ def test_intervals_hold_the_truth_as_often_as_they_say(design, n_seeds, ratio):
 def test_intervals_hold_the_truth_whatever_varies_more(design, n_seeds):
     low, high = bounds(n_seeds)
     for n_cells, ratio in itertools.product(CELLS, RATIOS):
-        assert low <= coverage(design, n_seeds, n_cells, ratio) <= high, (n_cells, ratio)
+        held = coverage(design, n_seeds, n_cells, ratio, trials=10_000 if n_cells == 40 else 2000)
+        assert low <= held <= high, (n_cells, ratio)  # 10 000 trials tell it to ±0.4%

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from swarm.policies.policy_file import PolicyError
-from swarm.population.intervals import mean_interval
+from swarm.population.statistics import mean_interval
 from trainers.jobs.comparison import Contender, Group, compare, grouped
 from trainers.settings.composition import settings_from
 
@@ -28,7 +28,7 @@ def test_a_run_that_claims_endless_seeds_ends_at_the_first_that_is_not_there(tmp
     (tmp_path / "settings.yaml").write_text(text)
     (tmp_path / "run.json").write_text('{"finished": true}')
     (tmp_path / "policy.safetensors").touch()
-    with pytest.raises(PolicyError, match=r"seed_0/policy.safetensors is no policy"):
+    with pytest.raises(PolicyError, match=r"seed_0/policy.safetensors must be a policy file"):
         compare([tmp_path], cells=2)
 
 

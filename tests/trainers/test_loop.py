@@ -150,6 +150,13 @@ def test_the_best_policy_by_validation_is_kept_or_the_last():
         assert made.validation.gains(made.algorithm.policy)[0] == gains[epoch]
 
 
+def test_there_is_no_fraction_of_a_limit_that_is_not_above_0():
+    made = trained(2, seed=0, validation={"cells": 3, "life": 0.3, "every": 1})  # less than a turn
+    assert made.validation.limits < 0
+    assert np.isnan(made.measure("fraction_of_limit")).all()
+    assert made.policies()[0].card["validation"]["fraction_of_limit"] is None
+
+
 def test_validation_plays_the_policy_as_a_population_test_does():
     made = trained(2, n_seeds=2)
     policy, card = made.algorithm.policy, {"n_records": 4, "features": 2}

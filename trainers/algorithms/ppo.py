@@ -94,7 +94,7 @@ class PPO(Algorithm):
             loss_critic_type="smooth_l1",
             reduction="none",
         )
-        self.advantage = GAE(gamma=learning.discount, lmbda=learning.lam, value_network=None, time_dim=-2)
+        self.advantage = GAE(gamma=learning.discount, lmbda=learning.lam, value_network=None, time_dim=2)
         self.optimiser = fused_adam([*self.policy.parameters(), *self.critic.parameters()])
         self.shuffles = [torch.Generator(env.device or "cpu") for _ in env.seeds]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,10 +14,8 @@ from swarm._support import files, provenance
 from swarm._support.tables import Table, percent, span
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
-from swarm.population.evaluation import LEARNT
-from swarm.population.intervals import mean_interval
 from swarm.population.results import RIVAL
-from swarm.population.statistics import fraction_of_limit
+from swarm.population.statistics import fraction_of_limit, mean_interval
 from trainers.settings.composition import settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import run_folder as runs
@@ -49,11 +48,9 @@ class Group(NamedTuple):
 
     def row(self) -> dict[str, Any]:
         """What the table says of the group; low and high: 95% interval of the mean, over seeds and cells."""
-        means = self.means
-        interval = mean_interval(np.stack([member.gains for member in self.members]))
-        low, high = interval or (None, None)
-        limits = [member.limit for member in self.members if member.limit is not None]
-        limit = float(np.mean(limits)) if len(limits) == len(means) else None
+        means, limits = self.means, [member.limit for member in self.members]
+        low, high = mean_interval(np.stack([member.gains for member in self.members])) or (None, None)
+        limit = None if None in limits else float(np.mean(np.array(limits, float)))
         return {
             "runs": self.label,
             "seeds": len(means),
@@ -105,10 +102,15 @@ def _write(out: Path, groups: Sequence[Group], about: dict[str, Any]) -> None:
 
 def grouped(contenders: Sequence[Contender]) -> list[Group]:
     """Contenders by all their settings but the seeds, labelled by what differs between groups."""
-    described = [_described(contender.settings) for contender in contenders]
-    keys = [key for key in NAMES if _differ(each[key] for each in described)]
+    described = [
+        {key: value for key, value in each.settings.dotted().items() if key.split(".")[0] in NAMES + SECTIONS}
+        for each in contenders
+    ]
+    keys = [key for key in NAMES if _differs(key, described)]
     others = list(dict.fromkeys(key for each in described for key in each if key not in NAMES))
-    keys += [key for key in others if not _told_by_names(key, described)]
+    for key in others:  # but for those that are the same in all runs that share the names
+        alike = itertools.groupby(sorted(described, key=_names), _names)
+        keys += [key] if any(_differs(key, list(each)) for _, each in alike) else []
     groups: dict[str, list[Contender]] = {}
     for contender, each in zip(contenders, described, strict=True):
         parts = [each[key] if key in NAMES else f"{key}={each[key]}" for key in keys if key in each]
@@ -117,21 +119,12 @@ def grouped(contenders: Sequence[Contender]) -> list[Group]:
     return [Group(label, members) for label, members in groups.items()]
 
 
-def _described(settings: Settings) -> dict[str, Any]:
-    """Settings that decide what is learnt, dotted, without the seeds."""
-    return {key: value for key, value in settings.dotted().items() if key.split(".")[0] in NAMES + SECTIONS}
+def _names(described: Mapping[str, Any]) -> list[str]:
+    return [described[name] for name in NAMES]
 
 
-def _differ(values: Iterable[Any]) -> bool:
-    return len({str(value) for value in values}) > 1
-
-
-def _told_by_names(key: str, described: Sequence[dict[str, Any]]) -> bool:
-    """Whether the names tell a setting: runs that share them have the same value."""
-    values: dict[tuple[str, ...], list[Any]] = {}
-    for each in described:
-        values.setdefault(tuple(each[name] for name in NAMES), []).append(each.get(key))
-    return not any(_differ(alike) for alike in values.values())
+def _differs(key: str, described: Sequence[Mapping[str, Any]]) -> bool:
+    return len({str(each.get(key)) for each in described}) > 1
 
 
 def table(groups: Sequence[Group]) -> Table:
@@ -148,12 +141,9 @@ def table(groups: Sequence[Group]) -> Table:
 def _tested(folder: Path, cells: int, seed: int) -> list[Contender]:
     run, stored = RunFolder.open(folder)
     settings = settings_from_stored(stored, folder)
-    world, found = settings.test_world(), []
-    for each in range(settings.seed, settings.seed + settings.n_seeds):  # stored, so there may be any number
-        path = run.policy if settings.n_seeds == 1 else run.seed_folder(each) / runs.POLICY
-        policies = {LEARNT: load_policy(path)}
-        results = population_test(world, policies, cells=cells, life=world.life, seed=seed, record=False)
-        gains = {name: results["gain"].sel(policy=name).values for name in (LEARNT, RIVAL)}
-        limit = results.attrs.get("limit")
-        found.append(Contender(settings, each, gains[LEARNT], gains[RIVAL], limit))
-    return found
+    policies = {str(each): load_policy(path) for each, path in run.policies(settings)}
+    world = settings.test_world()
+    results = population_test(world, policies, cells=cells, life=world.life, seed=seed, record=False)
+    gains = dict(zip(results["policy"].values, results["gain"].values, strict=True))
+    greedy, limit = gains.pop(RIVAL), results.attrs.get("limit")
+    return [Contender(settings, int(name), gain, greedy, limit) for name, gain in gains.items()]

@@ -20,6 +20,7 @@ from trainers.jobs.executors import Task, executor_for, run_tasks
 from trainers.settings.composition import SettingsError, key_of, readable, settings_from, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training.machine import check_machine
+from trainers.training.run import train_in
 from trainers.training.run_folder import RunError, RunFolder, is_run_folder
 
 FOLDER, LAUNCHER, JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
@@ -42,17 +43,17 @@ def sweep(words: Sequence[str]) -> None:
     number = own.get(JOBS, "2")
     workers = check_count(JOBS, int(number) if number.isdecimal() else number)
     combinations = expanded([word for word in words if not word.startswith("hydra")])
+    folder = Path(own.get(FOLDER) or f"runs/sweep-{datetime.now():%Y%m%d-%H%M%S}")
     wanted = [settings_from(combination) for combination in combinations]
     for settings in wanted:
         check_machine(settings)
-    folder = Path(own.get(FOLDER) or f"runs/sweep-{datetime.now():%Y%m%d-%H%M%S}")
     paths = [folder / name for name in named(combinations)]
+    tasks = [Task(path.name, train_in, (path, each)) for path, each in zip(paths, wanted, strict=True)]
     for path, settings in zip(paths, wanted, strict=True):
         _check_there(path, settings)
     folder.mkdir(parents=True, exist_ok=True)
     print(f"{len(paths)} runs in {folder}")
     again = f"the same command with {FOLDER}={folder} goes on with them"
-    tasks = [Task(path.name, train_one, (path, each)) for path, each in zip(paths, wanted, strict=True)]
     try:
         run_tasks(tasks, executor_for(0 if launcher == "basic" else workers), title="sweep")
     except KeyboardInterrupt as stopped:
@@ -62,13 +63,6 @@ def sweep(words: Sequence[str]) -> None:
     if done < len(paths):
         raise RunError(f"{len(paths) - done} of {len(paths)} runs did not finish; {again}")
     print(f"all {len(paths)} runs are in {folder}; swarm compare {folder}/* shows them side by side")
-
-
-def train_one(folder: Path, settings: Settings) -> None:
-    """One run of a sweep; raises what `train_in` does."""
-    from trainers.training.run import train_in  # in the run's own process
-
-    train_in(folder, settings)
 
 
 def expanded(words: Sequence[str]) -> list[list[str]]:

@@ -3,62 +3,46 @@
 from __future__ import annotations
 
 import time
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from collections.abc import Sequence
 
+from rich import progress
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
-from rich.table import Table as Shown
-
-if TYPE_CHECKING:  # it brings NumPy, which must not be there before a process has its number of threads
-    from swarm._support.tables import Table
+from rich.table import Table
 
 QUIET = 30.0  # [s] between lines where there is no terminal
 
 
-class Progress:
+class Progress(progress.Progress):
     """The progress of one piece of work, on stderr: a bar on a terminal, else a line now and then.
 
     To be used in a `with` statement.
     """
 
     def __init__(self, title: str, total: float | None = None, done: float = 0.0) -> None:
+        text, bar = progress.TextColumn, progress.BarColumn()
+        columns = text("{task.description}"), bar, text("{task.fields[text]}"), progress.TimeRemainingColumn()
         console = Console(stderr=True)
-        self.live = console.is_terminal
-        columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}")
-        self.bar = Bar(
-            *columns, TimeRemainingColumn(), console=console, transient=True, disable=not self.live
-        )
-        self.task = self.bar.add_task(title, total=total, completed=done, text="")  # type: ignore[arg-type]
+        super().__init__(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self.work = self.add_task(title, total=total, completed=done, text="")  # type: ignore[arg-type]
         self.title, self.said = title, time.monotonic()
-
-    def __enter__(self) -> Self:
-        self.bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.bar.stop()
 
     def show(self, done: float, total: float | None = None, text: str = "") -> None:
         """So much of `total`, or of the total it began with, is done."""
-        self.bar.update(self.task, completed=done, total=total, text=text)
-        if not self.live and time.monotonic() - self.said >= QUIET:
+        self.update(self.work, completed=done, total=total, text=text)
+        if self.disable and time.monotonic() - self.said >= QUIET:
             self.say(f"{self.title} {text or f'{done:g}'}")
 
     def say(self, line: str) -> None:
         """Print a line that stays."""
         self.said = time.monotonic()
-        self.bar.console.print(line, highlight=False, markup=False, soft_wrap=True)
+        self.console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-def print_table(table: Table) -> None:
+def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print rows under their headings."""
-    shown = Shown(box=None, pad_edge=False)
-    for place, heading in enumerate(table.headings):
+    shown = Table(box=None, pad_edge=False)
+    for place, heading in enumerate(headings):
         shown.add_column(heading, justify="right" if place else "left", no_wrap=True)
-    for row in table.texts:
+    for row in rows:
         shown.add_row(*row)
     Console(width=max(Console().width, 100)).print(shown)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from swarm.population.intervals import LEVEL, margin
+from swarm.population.statistics import LEVEL, margin
 from trainers.paper.measurements import DEVISED, Evidence, Lives, TrainingGains
 
 REPRODUCED, NOT_REPRODUCED, REVERSED = "reproduced", "not reproduced", "reversed"
@@ -57,8 +57,8 @@ def estimate(*samples: np.ndarray, combine: Callable[..., Any] = difference) -> 
     half = margin(*samples, weights=slopes)
     interval = None if half is None else (value - float(half), value + float(half))
     if interval and samples[0].dtype == bool:
-        surely = ((1 - LEVEL) / 2) ** (1 / samples[0].shape[1]) if value in (0, 1) else 1.0
-        low, high = (surely, 1.0) if value == 1 else (0.0, 1 - surely) if value == 0 else interval
+        all_agree = ((1 - LEVEL) / 2) ** (1 / samples[0].shape[1])
+        low, high = {1.0: (all_agree, 1.0), 0.0: (0.0, 1 - all_agree)}.get(value, interval)
         interval = max(low, 0.0), min(high, 1.0)
     by_seed = [sample.mean(axis=1) for sample in samples]
     choices = [float(combine(*choice)) for choice in itertools.product(*by_seed)]
@@ -211,9 +211,7 @@ def judged(statement: Statement, evidence: Evidence, recipe: str) -> Claim | Non
         return None
     seeds = next((each.seeds for each in found if each is not None and each.seeds), ())
     number = estimate(*samples, combine=statement.measure.combine)
-    by_seed = {
-        where: sample.mean(axis=1).tolist() for where, sample in zip(statement.samples, samples, strict=True)
-    }
+    means = [sample.mean(axis=1).tolist() for sample in samples]
     several = len(samples) == 1 < len(seeds)
     return Claim(
         id=statement.id,
@@ -224,10 +222,10 @@ def judged(statement: Statement, evidence: Evidence, recipe: str) -> Claim | Non
         interval=number.interval,
         criterion=str(statement.criterion),
         seeds=seeds,
-        spread_of_seeds=float(np.std(next(iter(by_seed.values())), ddof=1)) if several else None,
+        spread_of_seeds=float(np.std(means[0], ddof=1)) if several else None,
         worst_seed=statement.criterion.worst(number) if seeds else None,
         verdict=statement.criterion.verdict(number),
-        by_seed=by_seed,
+        by_seed=dict(zip(statement.samples, means, strict=True)),
     )
 
 

@@ -133,12 +133,10 @@ def _lives(case: Case, starts: Starts, seeds: tuple[int, ...], policies: Sequenc
     for policy in policies:
         lived = lives(world, policy, starts, case.seed, name=case.name, population="test", record=True)
         drift, wave = centreline(lived["centre"])
-        winding = np.full(case.cells, math.nan)
-        if world.egg is not None:
-            winding = wound(lived["centre"], world.egg)
-        broken = pattern_broken(lived["curvature"], world.n_records)
-        row = lived["gain"], lived["arrived"], lived["lifetime"], drift, wave, winding, broken
-        rows.append((*row, np.zeros(case.cells, bool)))
+        winding = np.full(case.cells, math.nan) if world.egg is None else wound(lived["centre"], world.egg)
+        broken, ahead = pattern_broken(lived["curvature"], world.n_records), np.zeros(case.cells, bool)
+        kept = (lived[name] for name in ("gain", "arrived", "lifetime"))
+        rows.append((*kept, drift, wave, winding, broken, ahead))
     return Lives(seeds, *(np.stack(column) for column in zip(*rows, strict=True)))
 
 
@@ -190,17 +188,15 @@ def swinging_circle(world: World, *, cells: int, seed: int) -> Circle:
     time, curvature, centre = (lived[name][:, 1:].astype(float) for name in ("time", "curvature", "centre"))
     fitted, deviation, back = np.empty((3, 1, cells))
     for cell in range(cells):
-        first, last = (np.isclose(curvature[cell], world.curvatures[end]) for end in (0, -1))
-        off = []
-        for radius, chosen in zip(radii, (first, last), strict=True):
-            points = centre[cell][chosen]
-            middle, found = fit_circle(points)
-            off.append(np.max(np.abs(np.linalg.norm(points - middle, axis=1) - radius)) / radius)
-            if chosen is first:
-                fitted[0, cell] = found
-        deviation[0, cell] = max(off)
-        later = centre[cell][first & (time[cell] > 0.5 * revolution)]
-        back[0, cell] = np.min(np.linalg.norm(later - centre[cell][first][0], axis=1)) / step
+        chosen = [np.isclose(curvature[cell], world.curvatures[end]) for end in (0, -1)]
+        circles = [fit_circle(centre[cell][which]) for which in chosen]
+        deviation[0, cell] = max(
+            np.max(np.abs(np.linalg.norm(centre[cell][which] - middle, axis=1) - radius)) / radius
+            for which, (middle, _), radius in zip(chosen, circles, radii, strict=True)
+        )
+        fitted[0, cell] = circles[0][1]
+        later = centre[cell][chosen[0] & (time[cell] > 0.5 * revolution)]
+        back[0, cell] = np.min(np.linalg.norm(later - centre[cell][chosen[0]][0], axis=1)) / step
     return Circle(fitted, radii[0], deviation, back, revolution)
 
 
@@ -221,23 +217,21 @@ def predicted_circle(world: World) -> tuple[tuple[float, float], float, float]:
     and for the centres with κ₂, about the same middle, R₂ has α₁ in the place of α₂. It closes after 2π/δ
     swings. Raises ValueError where swinging goes straight on (δ = 0).
     """
-    schedule = Swinging.schedule(world)
-    top = world.n_actions - 1
-    counts = [int(np.sum(schedule == action)) for action in (0, top)]
-    intervals = [count * world.intervals[action] for count, action in zip(counts, (0, top), strict=True)]
+    schedule, actions = Swinging.schedule(world), (0, world.n_actions - 1)
+    intervals = [int(np.sum(schedule == action)) * world.intervals[action] for action in actions]
     first, second = (
         world.action_speeds[action] * world.curvatures[action] * interval
-        for action, interval in zip((0, top), intervals, strict=True)
+        for action, interval in zip(actions, intervals, strict=True)
     )
     short = abs(math.remainder(first + second, 2 * math.pi))
     if short < 1e-9:
         raise ValueError(
             f"a swing must turn by less or more than a circle to go round, got {first + second:g}"
         )
-    jump = 1 / world.curvatures[0] - 1 / world.curvatures[-1]
-    bend = math.sin(short / 2)
-    radii = (jump * abs(math.sin(second / 2)) / bend, jump * abs(math.sin(first / 2)) / bend)
-    return radii, 2 * jump * abs(math.sin(second / 2)), sum(intervals) * 2 * math.pi / short
+    jump, bend = 1 / world.curvatures[0] - 1 / world.curvatures[-1], math.sin(short / 2)
+    half_steps = [jump * abs(math.sin(turn / 2)) for turn in (second, first)]
+    radii = (half_steps[0] / bend, half_steps[1] / bend)
+    return radii, 2 * half_steps[0], sum(intervals) * 2 * math.pi / short
 
 
 def fit_circle(points: np.ndarray) -> tuple[np.ndarray, float]:

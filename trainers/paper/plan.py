@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any, NamedTuple
 from swarm.physics.world import World
 from trainers.settings.composition import SettingsError, settings_from, settings_from_stored
 from trainers.settings.schema import Settings
-from trainers.training.run_folder import RunError, RunFolder, is_run_folder
+from trainers.training.run_folder import RunError, RunFolder
 
 RECORDS = {"linear_n2": 2, "linear_n4": 4, "linear_n8": 8}  # N_T of the cases with one speed
 STEADY, VARYING, EGG, VORTICES = "linear_n4", "varying_speed", "radial", "taylor_green"
@@ -86,27 +87,24 @@ def trainings(plan: Plan, out: Path) -> list[Training]:
     Seeds are added to those of an earlier reproduction: a second run, FOLDER-from-5, trains those from 5 on.
     """
     found: list[Training] = []
-    for recipe in plan.recipes:
-        for experiment in plan.experiments:
-            whole = plan.settings(recipe, experiment)
-            alike = [each for each in found if learnt(each.settings) == learnt(whole)]
-            base = out / RUNS / recipe / (alike[0].experiment if alike else experiment)
-            first = 0
-            while first < plan.n_seeds:
-                folder = base.with_name(f"{base.name}-from-{first}") if first else base
-                count = plan.n_seeds - first
-                if 0 < (there := _seeds_of(folder)) < count:
-                    count = there
-                settings = dataclasses.replace(whole, seed=first, n_seeds=count)
-                found.append(Training(recipe, experiment, settings, folder))
-                first += count
+    for recipe, experiment in itertools.product(plan.recipes, plan.experiments):
+        whole, first = plan.settings(recipe, experiment), 0
+        alike = (each.experiment for each in found if learnt(each.settings) == learnt(whole))
+        base = out / RUNS / recipe / next(alike, experiment)
+        while first < plan.n_seeds:
+            folder = base.with_name(f"{base.name}-from-{first}") if first else base
+            wanted = plan.n_seeds - first
+            count = min(_seeds_of(folder) or wanted, wanted)
+            settings = dataclasses.replace(whole, seed=first, n_seeds=count)
+            found.append(Training(recipe, experiment, settings, folder))
+            first += count
     return found
 
 
 def _seeds_of(folder: Path) -> int:
     """How many seeds a run that is there has trained; 0 where there is none that can be read."""
     try:
-        return settings_from_stored(RunFolder.open(folder)[1]).n_seeds if is_run_folder(folder) else 0
+        return settings_from_stored(RunFolder.open(folder)[1]).n_seeds
     except (RunError, SettingsError):
         return 0
 

@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from swarm._support import provenance
-from swarm._support.tables import NOTHING, Table
-from trainers.paper.claims import Claim
+from swarm._support.tables import NOTHING, Table, percent
+from trainers.paper.claims import Claim, estimate
 from trainers.paper.illustrations import Drawing
 from trainers.paper.measurements import Case, Evidence
-from trainers.paper.plan import Plan
-from trainers.paper.tables import AUTHORS_TEST, Row, worst_against_best
+from trainers.paper.plan import VORTICES, Plan
+from trainers.paper.tables import AUTHORS_TEST, Findings, Row, result_rows, training_rows
 
 
-def text(
-    plan: Plan,
-    tests: Sequence[Case],
-    evidence: Evidence,
-    claims: Sequence[Claim],
-    results: Sequence[Row],
-    costs: Sequence[Row],
-    drawn: Sequence[Drawing],
-) -> str:
+def text(found: Findings, drawn: Sequence[Drawing]) -> str:
     """Markdown, to be read on its own."""
-    parts = [_opening(plan, tests), _verdicts(claims), _results(results), _flow(evidence)]
-    parts += [_swinging(evidence), _costs(costs), _drawings(plan, drawn)]
+    parts = [_opening(found.plan, found.tests), _verdicts(found.claims), _results(result_rows(found))]
+    parts += [_flow(found.evidence), _swinging(found.evidence), _costs(list(training_rows(found)))]
+    parts += [_drawings(found.plan, drawn)]
     return "\n".join(part for part in parts if part)
 
 
@@ -113,23 +107,31 @@ def _result(row: Row) -> dict[str, Any]:
         "95% interval": _interval((row["gain_low"], row["gain_high"])),
         "worst / median / best seed": " / ".join(seeds) if (row["seeds"] or 0) > 1 else None,
         "lead over greedy": lead,
-        "cells ahead": _percent(row["beat_greedy"]),
-        "of the limit": _percent(row["part_of_limit"]),
-        "worst seed, of the limit": _percent(row["worst_part_of_limit"]) if row["seeds"] else None,
+        "cells ahead": percent(row["beat_greedy"]),
+        "of the limit": percent(row["part_of_limit"]),
+        "worst seed, of the limit": percent(row["worst_part_of_limit"]) if row["seeds"] else None,
         "angle ± std of seeds [°]": _spread(row["angle"], row["std_of_angle"]),
-        "swinging broken": _percent(row["pattern_broken"]),
+        "swinging broken": percent(row["pattern_broken"]),
         "wave": _number(row["wave"]),
-        "arrived": _percent(row["arrived"]),
+        "arrived": percent(row["arrived"]),
         "mean time": _number(row["mean_lifetime"]),
         "authors' network": _spread(row["authors"], row["std_of_authors"]),
     }
 
 
 def _flow(evidence: Evidence) -> str:
-    lines = [
-        f"- {text}: {_number(found.value, '+')}, 95% interval {_interval(found.interval)}\n"
-        for text, found in worst_against_best(evidence)
-    ]
+    """The worst aware seed of each recipe less the best blind one of each."""
+    lives, lines = evidence.cases[VORTICES].lives if VORTICES in evidence.cases else {}, []
+    for (recipe, kind), (other, other_kind) in itertools.product(lives, repeat=2):
+        if (kind, other_kind) == ("aware", "blind"):
+            aware, blind = lives[recipe, kind], lives[other, other_kind]
+            worst, best = aware.gain.mean(axis=1).argmin(), blind.gain.mean(axis=1).argmax()
+            found = estimate(aware.gain[worst : worst + 1], blind.gain[best : best + 1])
+            lines.append(
+                f"- the worst seed of {recipe} aware ({aware.seeds[worst]}) less the best of {other} blind "
+                f"({blind.seeds[best]}): {_number(found.value, '+')}, 95% interval "
+                f"{_interval(found.interval)}\n"
+            )
     return "In the flow, cell by cell:\n\n" + "".join(lines) if lines else ""
 
 
@@ -156,8 +158,7 @@ def _costs(costs: Sequence[Row]) -> str:
     return f"## Trainings\n\nTrained by commit {commits}.\n\n{table.as_markdown()}"
 
 
-def _drawings(plan: Plan, drawn: Iterable[Drawing]) -> str:
-    drawn = list(drawn)
+def _drawings(plan: Plan, drawn: Sequence[Drawing]) -> str:
     parts = ["## Figures\n"]
     if plan.quick and any(each.number == 1 for each in drawn):
         parts.append("The training curves are those that are shipped with the policies.\n")
@@ -186,10 +187,6 @@ def _spread(value: float | None, spread: float | None) -> str:
 
 def _interval(interval: tuple[float | None, float | None] | None) -> str:
     return NOTHING if interval in (None, (None, None)) else " … ".join(map(_number, interval))
-
-
-def _percent(value: float | None) -> str:
-    return NOTHING if value is None else f"{100 * value:.1f}%"
 
 
 def _short(unit: str) -> str:

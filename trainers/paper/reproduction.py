@@ -10,9 +10,8 @@ import dataclasses
 import json
 import os
 import shutil
-import uuid
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,21 +24,15 @@ from trainers.jobs.executors import Task, executor_for, run_tasks
 from trainers.paper import report, stacks, tables, zoo
 from trainers.paper.claims import Claim, all_claims
 from trainers.paper.illustrations import FOLDER as FIGURES
-from trainers.paper.illustrations import Drawing, draw_tests, draw_training
-from trainers.paper.measurements import (
-    Case,
-    Circle,
-    Evidence,
-    Measured,
-    Stack,
-    measure,
-    swinging_circle,
-)
-from trainers.paper.plan import EGG, RECORDS, TESTS, Plan, Training, trainings
+from trainers.paper.illustrations import Drawing, draw_all
+from trainers.paper.measurements import Case, Circle, Evidence, Measured, measure, swinging_circle
+from trainers.paper.plan import EGG, RECORDS, TESTS, Plan, trainings
+from trainers.paper.tables import Findings
 from trainers.training.run_folder import RunError, RunFolder
 
 RECORD = "reproduction.json"  # settings, versions, commits; it says that a folder is a reproduction's
 CLAIMS, REPORT, RESULTS, SEEDS = "claims.json", "report.md", "results.csv", "seeds.csv"
+WRITING = ".writing."  # what a folder is called that is not whole yet
 LIVES = "lives"  # of every cell, a file per test
 FILES = (REPORT, CLAIMS, RESULTS, SEEDS, RECORD, FIGURES, LIVES)
 DIGITS = 6  # of numbers in tables
@@ -59,24 +52,27 @@ def reproduce(plan: Plan, out: Path, publish: Path | None = None) -> list[Claim]
     for folder in folders:
         check_folder(folder)
     planned = [] if plan.quick else trainings(plan, out)
-    shipped = stacks.shipped_stacks(plan) if plan.quick else {}
+    shipped = stacks.shipped(plan) if plan.quick else {}
     if plan.quick and not shipped:
         raise ReproductionError("no policies are shipped with this copy: leave out --quick to train them")
     do(plan, stacks.tasks(planned), "trainings")
-    trained = shipped or stacks.trained_stacks(planned)
-    curves = stacks.shipped_curves(shipped) or stacks.trained_curves(planned)
+    trained = shipped or stacks.trained(planned)
     tests = cases(plan, trained)
-    evidence = Evidence(measured(plan, tests), circles(plan, tests), stacks.training_gains(planned))
+    gains = {key: each.gains for key, each in trained.items() if each.gains is not None}
+    evidence = Evidence(measured(plan, tests), circles(plan, tests), gains)
     recipes = list(dict.fromkeys(recipe for case in tests for recipe in case.recipes))
-    claims = all_claims(evidence, recipes)
-    with staging(out) as staged:
-        drawn = draw(plan, tests, recipes, curves, staged)
-        write(staged, plan, tests, evidence, planned, claims, drawn)
+    found = Findings(plan, planned, trained, tests, evidence, all_claims(evidence, recipes))
+    out.mkdir(parents=True, exist_ok=True)
+    for left in out.glob(WRITING + "*"):  # by a reproduction that was killed
+        shutil.rmtree(left, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix=WRITING, dir=out, ignore_cleanup_errors=True) as name:
+        staged = Path(name)
+        write(staged, found, draw(found, recipes, staged))
         for folder in folders[1:]:
             put_in_place(staged, folder)
-        zoo.keep(staged / zoo.FOLDER, planned, tests, evidence, curves)
+        zoo.keep(staged / zoo.FOLDER, found)
         put_in_place(staged, out)
-    return claims
+    return list(found.claims)
 
 
 def check_folder(folder: Path) -> None:
@@ -115,15 +111,16 @@ def do(plan: Plan, tasks: Sequence[Task], what: str) -> list[Any]:
 # --- tests and figures --------------------------------------------------------------------------------------
 
 
-def cases(plan: Plan, trained: Mapping[stacks.Key, Stack]) -> list[Case]:
+def cases(plan: Plan, trained: Mapping[stacks.Key, stacks.Trained]) -> list[Case]:
     """Every test for which there are policies."""
     found = []
+    ordered = sorted((each.stack for each in trained.values()), key=lambda stack: stack.recipe != "swarm")
     for name, kinds in TESTS.items():
         tested = tuple(
             stack._replace(kind=kind)
-            for (_, experiment), stack in sorted(trained.items(), key=lambda item: item[0][0] != "swarm")
-            for kind, wanted in kinds.items()
-            if experiment == wanted
+            for stack in ordered
+            for kind, experiment in kinds.items()
+            if stack.experiment == experiment
         )
         if tested and next(iter(kinds.values())) in plan.experiments:
             cells = plan.radial_cells if name == EGG else plan.cells
@@ -151,71 +148,38 @@ def circles(plan: Plan, tests: Sequence[Case]) -> dict[str, Circle]:
     }
 
 
-def draw(
-    plan: Plan, tests: Sequence[Case], recipes: Sequence[str], curves: stacks.Curves, folder: Path
-) -> list[Drawing]:
+def draw(found: Findings, recipes: Sequence[str], folder: Path) -> list[Drawing]:
     """Every figure of the paper under every recipe."""
-    drawn = [each for recipe in recipes for each in draw_training(recipe, curves, folder)]
-    tasks = []
-    for recipe in recipes:
-        mine = [
-            (case, plan.radial_figure_cells if case.name == EGG else plan.figure_cells)
-            for case in tests
-            if recipe in case.recipes
-        ]
-        tasks.append(Task(recipe, draw_tests, (mine, recipe, folder), 1.0))
-    drawn += [each for result in do(plan, tasks, "figures") for each in result]
-    return sorted(drawn, key=lambda each: (recipes.index(each.recipe), each.number))
+    few, fewer = found.plan.figure_cells, found.plan.radial_figure_cells
+    shown = [case._replace(cells=fewer if case.name == EGG else few) for case in found.tests]
+    curves = {key: each.curve for key, each in found.trained.items() if each.curve is not None}
+    tasks = [Task(recipe, draw_all, (recipe, curves, shown, folder)) for recipe in recipes]
+    return [each for drawn in do(found.plan, tasks, "figures") for each in drawn]
 
 
 # --- files --------------------------------------------------------------------------------------------------
 
 
-@contextmanager
-def staging(out: Path) -> Iterator[Path]:
-    """A folder to write to, removed at the end."""
-    folder = out / f".writing.{uuid.uuid4().hex[:12]}"
-    for left in out.glob(".writing.*"):  # by a reproduction that was killed
-        shutil.rmtree(left, ignore_errors=True)
-    folder.mkdir(parents=True)
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def write(
-    folder: Path,
-    plan: Plan,
-    tests: Sequence[Case],
-    evidence: Evidence,
-    planned: Sequence[Training],
-    claims: Sequence[Claim],
-    drawn: Sequence[Drawing],
-) -> None:
+def write(folder: Path, found: Findings, drawn: Sequence[Drawing]) -> None:
     """Write everything but the figures, which are there."""
-    results = tables.result_rows(tests, evidence)
-    for name, rows in ((RESULTS, results), (SEEDS, tables.seed_rows(tests, evidence))):
+    for name, rows in ((RESULTS, tables.result_rows(found)), (SEEDS, tables.seed_rows(found))):
         (folder / name).write_text(Table.of(rows).as_csv(DIGITS), encoding="utf-8")
-    for name, values in (
-        (CLAIMS, [each._asdict() for each in claims]),
-        (RECORD, where_from(plan, planned, tests)),
-    ):
+    claims = [each._asdict() for each in found.claims]
+    for name, values in ((CLAIMS, claims), (RECORD, where_from(found))):
         stored = json.dumps(values, indent=2, allow_nan=False, ensure_ascii=False)
         (folder / name).write_text(stored + "\n", encoding="utf-8")
     (folder / LIVES).mkdir()
-    for case in tests:
-        data = as_dataset(case, evidence.cases[case.name])
+    for case in found.tests:
+        data = as_dataset(case, found.evidence.cases[case.name])
         compressed = {name: {"zlib": True} for name in data.data_vars}
         data.to_netcdf(folder / LIVES / f"{case.name}.nc", engine="h5netcdf", encoding=compressed)
-    text = report.text(plan, tests, evidence, claims, results, tables.training_rows(planned), drawn)
-    (folder / REPORT).write_text(text, encoding="utf-8")
+    (folder / REPORT).write_text(report.text(found, drawn), encoding="utf-8")
 
 
-def where_from(plan: Plan, planned: Sequence[Training], tests: Sequence[Case]) -> dict[str, Any]:
+def where_from(found: Findings) -> dict[str, Any]:
     """What reproduction.json says: the plan, versions, commits, and the settings of every training's runs."""
     trained: dict[str, Any] = {}
-    for each in planned:
+    for each in found.planned:
         about: dict[str, Any] = {
             "run": each.run,
             "seeds": each.settings.seeds,
@@ -223,11 +187,11 @@ def where_from(plan: Plan, planned: Sequence[Training], tests: Sequence[Case]) -
         }
         about |= {name: RunFolder(each.folder).record.get(name) for name in ("versions", "commit")}
         trained.setdefault(f"{each.recipe}/{each.experiment}", []).append(about)
-    for stack in [stack for case in tests for stack in case.stacks if not planned]:
+    for stack in [stack for case in found.tests for stack in case.stacks if not found.planned]:
         about = {name: stack.choice.card.get(name) for name in ("settings", "versions", "commit")}
         about |= {"shipped": True, "seeds": list(stack.seeds)}
         trained[f"{stack.recipe}/{stack.experiment}"] = [about]
-    plain = dataclasses.asdict(plan)
+    plain = dataclasses.asdict(found.plan)
     plain.pop("workers")  # no number depends on it
     origin = {"versions": provenance.versions(), "commit": provenance.commit()}
     return {"plan": plain, **origin, "trainings": trained}
@@ -256,10 +220,8 @@ def put_in_place(staged: Path, out: Path) -> None:
     last the report. What is left of an earlier reproduction goes.
     """
     written = {path.relative_to(staged) for path in staged.rglob("*") if path.is_file()}
-    for old in [
-        path for name in (FIGURES, LIVES, zoo.FOLDER) for path in (out / name).rglob("*") if path.is_file()
-    ]:
-        if old.relative_to(out) not in written:
+    for old in [path for name in (FIGURES, LIVES, zoo.FOLDER) for path in (out / name).rglob("*")]:
+        if old.is_file() and old.relative_to(out) not in written:
             old.unlink()
     for path in sorted(written, key=lambda path: (path.name == REPORT, path.name != RECORD)):
         (out / path).parent.mkdir(parents=True, exist_ok=True)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from swarm.policies import network
 from swarm.policies.network import Network, load_policy
 from swarm.policies.policy_file import PolicyError
-from swarm.population.contest import population_test
-from swarm.population.results import RIVAL
 from trainers.jobs.executors import Task
 from trainers.paper.measurements import Stack, TrainingGains
 from trainers.paper.plan import Plan, Training, learnt
@@ -40,20 +39,23 @@ class TrainingCurve(NamedTuple):
     training_gain: list[list[float]]  # (seeds, blocks)
 
 
-Curves = Mapping[Key, TrainingCurve]
+class Trained(NamedTuple):
+    """What came of an experiment's trainings."""
+
+    stack: Stack  # whose kind is to be named
+    curve: TrainingCurve | None  # None where a shipped policy comes without
+    gains: TrainingGains | None = None  # of every epoch; they are not shipped
 
 
 # --- training -----------------------------------------------------------------------------------------------
 
 
-def tasks(planned: Iterable[Training]) -> list[Task]:
+def tasks(planned: Sequence[Training]) -> list[Task]:
     """What is still to be trained; a run that is no longer of use is set aside."""
-    folders: dict[Path, Training] = {}
-    for each in planned:
-        folders.setdefault(each.folder, each)
-    wanted = [each for each in folders.values() if not is_done(each)]
-    if len(wanted) < len(folders):
-        print(f"{len(folders) - len(wanted)} of {len(folders)} trainings are finished", flush=True)
+    found = {each.folder: each for each in reversed(planned)}  # of those that share a run, the first
+    wanted = [each for each in found.values() if not is_done(each)]
+    if len(wanted) < len(found):
+        print(f"{len(found) - len(wanted)} of {len(found)} trainings are finished", flush=True)
     return [
         Task(each.run, train_one, (each.settings, each.folder), each.decisions, partial(part_done, each))
         for each in wanted
@@ -83,10 +85,8 @@ def is_done(training: Training) -> bool:
         reason = "has other settings"
     except (RunError, SettingsError, PolicyError) as error:
         reason = str(error)
-    count = 1
-    while (aside := folder.with_name(f"{folder.name}-set-aside-{count}")).exists():
-        count += 1
-    folder.rename(aside)
+    places = (folder.with_name(f"{folder.name}-set-aside-{count}") for count in itertools.count(1))
+    aside = folder.rename(next(place for place in places if not place.exists()))
     print(f"{folder} is trained again: what was there ({reason}) is now {aside}", flush=True)
     return False
 
@@ -101,10 +101,8 @@ def part_done(training: Training) -> float:
 
 def policies_of(training: Training) -> list[Network]:
     """The kept policy of every seed."""
-    run, settings = RunFolder(training.folder), training.settings
-    if settings.n_seeds == 1:
-        return [load_policy(run.policy)]
-    return [load_policy(run.seed_folder(seed) / runs.POLICY) for seed in settings.seeds]
+    run = RunFolder(training.folder)
+    return [load_policy(path) for _, path in run.policies(training.settings)]
 
 
 def metrics(training: Training) -> dict[str, np.ndarray]:
@@ -122,108 +120,61 @@ def metrics(training: Training) -> dict[str, np.ndarray]:
         }
     except (KeyError, ValueError) as error:
         raise RunError(f"{path} must hold numbers in the columns of a run's metrics, got {error}") from None
-    lengths = [len(one) for one in by_seed]
-    if set(lengths) != {settings.learning.epochs}:
-        raise RunError(
-            f"{path} must have {settings.learning.epochs} rows for each seed, one per epoch, got {lengths}"
-        )
+    lengths, epochs = [len(one) for one in by_seed], settings.learning.epochs
+    if set(lengths) != {epochs}:
+        raise RunError(f"{path} must have {epochs} rows for each seed, one per epoch, got {lengths}")
     return {name: np.array(values) for name, values in found.items()}
 
 
-def by_experiment(planned: Iterable[Training]) -> dict[Key, list[Training]]:
-    """The runs of each experiment, whose seeds make one stack."""
-    found: dict[Key, list[Training]] = {}
-    for each in planned:
-        found.setdefault((each.recipe, each.experiment), []).append(each)
+def trained(planned: Sequence[Training]) -> dict[Key, Trained]:
+    """What came of every experiment, all of whose runs make one stack."""
+    found = {}
+    for key in dict.fromkeys((each.recipe, each.experiment) for each in planned):
+        parts = [each for each in planned if (each.recipe, each.experiment) == key]
+        seeds = tuple(seed for each in parts for seed in each.settings.seeds)
+        policies = tuple(policy for each in parts for policy in policies_of(each))
+        chosen = int(np.argmax([policy.card["validation"]["gain"] for policy in policies]))
+        columns = [metrics(each) for each in parts]
+        table = {name: np.concatenate([each[name] for each in columns]) for name in columns[0]}
+        found[key] = Trained(
+            Stack(key[0], "", key[1], seeds, policies, chosen),
+            curve_of(table, parts[0].settings, seeds),
+            TrainingGains(seeds, table["training_gain"]),
+        )
     return found
 
 
-def seeds_of(parts: Sequence[Training]) -> tuple[int, ...]:
-    """Training seeds of an experiment's runs."""
-    return tuple(seed for each in parts for seed in each.settings.seeds)
+def curve_of(table: Mapping[str, np.ndarray], settings: Settings, seeds: Sequence[int]) -> TrainingCurve:
+    """The curve of an experiment with these metrics (seeds, epochs)."""
+    from trainers.training.validation import Validation  # it needs torch, and shipped curves do not
 
-
-def trained_stacks(planned: Iterable[Training]) -> dict[Key, Stack]:
-    """Policies of every experiment; the kind is to be named."""
-    stacks = {}
-    for (recipe, experiment), parts in by_experiment(planned).items():
-        policies = tuple(policy for each in parts for policy in policies_of(each))
-        chosen = int(np.argmax([policy.card["validation"]["gain"] for policy in policies]))
-        stacks[recipe, experiment] = Stack(recipe, "", experiment, seeds_of(parts), policies, chosen)
-    return stacks
-
-
-def table_of(parts: Iterable[Training]) -> dict[str, np.ndarray]:
-    """Metrics (seeds, epochs) of an experiment's runs."""
-    tables = [metrics(each) for each in parts]
-    return {name: np.concatenate([each[name] for each in tables]) for name in tables[0]}
-
-
-def training_gains(planned: Iterable[Training]) -> dict[Key, TrainingGains]:
-    """Gains of the training cells in every epoch."""
-    return {
-        key: TrainingGains(seeds_of(parts), table_of(parts)["training_gain"])
-        for key, parts in by_experiment(planned).items()
-    }
-
-
-def trained_curves(planned: Iterable[Training]) -> dict[Key, TrainingCurve]:
-    """Curves of every experiment."""
-    return {key: curve_of(parts) for key, parts in by_experiment(planned).items()}
-
-
-def curve_of(parts: Sequence[Training]) -> TrainingCurve:
-    """The curve of one experiment's runs."""
-    table = table_of(parts)
     validated = np.flatnonzero(np.isfinite(table["gain"][0]))
     gain = table["gain"][:, validated]
     limits = gain[:, -1] / table["fraction_of_limit"][:, validated[-1]]
     epochs = table["training_gain"].shape[1]
     blocks = np.array_split(np.arange(epochs), min(BLOCKS, epochs))
     exploring = np.stack([table["training_gain"][:, block].mean(axis=1) for block in blocks], axis=1)
+    world, checked = settings.training_world(), settings.validation
+    validation = Validation(world.replace(life=checked.life), checked.cells, list(seeds))
     return TrainingCurve(
         epoch=(validated + 1).tolist(),
         gain=gain.round(4).tolist(),
-        greedy=_greedy(parts[0].settings, seeds_of(parts)),
+        greedy=float(validation.greedy.mean()),
         limit=float(limits.mean()) if np.isfinite(limits).all() else None,
         training_epoch=[float(block.mean()) + 1 for block in blocks],
         training_gain=exploring.round(4).tolist(),
     )
 
 
-def _greedy(settings: Settings, seeds: Sequence[int]) -> float:
-    """Mean gain of greedy on the validation cells of all seeds."""
-    world, checked = settings.training_world(), settings.validation
-    options: dict[str, Any] = {
-        "cells": checked.cells,
-        "life": checked.life,
-        "record": False,
-        "limit": False,
-        "population": "validation",
-    }
-    tests = (population_test(world, {}, seed=seed, **options) for seed in seeds)
-    return float(np.mean([test["gain"].sel(policy=RIVAL).mean() for test in tests]))
-
-
-# --- what is shipped ----------------------------------------------------------------------------------------
-
-
-def shipped_stacks(plan: Plan) -> dict[Key, Stack]:
-    """The shipped policies, as stacks of one seed."""
-    stacks = {}
+def shipped(plan: Plan) -> dict[Key, Trained]:
+    """The shipped policies, as stacks of one seed, and their curves."""
+    found = {}
     for name in network.zoo_names():
         if name in plan.experiments:
             policy = load_policy(network.ZOO + name)
             recipe, seed = str(policy.card["recipe"]), int(policy.card["seed"])
-            stacks[recipe, name] = Stack(recipe, "", name, (seed,), (policy,), 0)
-    return stacks
-
-
-def shipped_curves(stacks: Iterable[Key]) -> dict[Key, TrainingCurve]:
-    """Curves that are shipped with policies, where they are."""
-    found = {}
-    for recipe, experiment in stacks:
-        file = resources.files("swarm") / "zoo" / f"{experiment}.json"
-        if file.is_file() and (stored := json.loads(file.read_text(encoding="utf-8")).get("training")):
-            found[recipe, experiment] = TrainingCurve(**stored)
+            file = resources.files("swarm") / "zoo" / f"{name}.json"
+            stored = json.loads(file.read_text(encoding="utf-8")).get("training") if file.is_file() else None
+            curve = TrainingCurve(**stored) if stored else None
+            found[recipe, name] = Trained(Stack(recipe, "", name, (seed,), (policy,), 0), curve)
     return found

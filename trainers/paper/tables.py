@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from swarm.population.results import RIVAL
 from swarm.population.statistics import fraction_of_limit
-from trainers.paper.claims import MEASURES, Estimate, estimate
-from trainers.paper.measurements import DEVISED, Case, Evidence, Lives, Measured
-from trainers.paper.plan import VORTICES, Training
+from trainers.paper.claims import MEASURES, Claim, Estimate, estimate
+from trainers.paper.measurements import DEVISED, Case, Evidence, Measured
+from trainers.paper.plan import VORTICES, Plan, Training
+from trainers.paper.stacks import Key, Trained
 from trainers.training import run_folder as runs
 from trainers.training.run_folder import RunFolder
 
@@ -28,16 +29,25 @@ AUTHORS = {
 AUTHORS_TEST = "400 cells of the population seed 100, lives of 200, in the flow of 400"
 
 
-def result_rows(tests: Sequence[Case], evidence: Evidence) -> list[Row]:
+class Findings(NamedTuple):
+    """All that a reproduction came to."""
+
+    plan: Plan
+    planned: Sequence[Training]  # none where shipped policies are tested
+    trained: Mapping[Key, Trained]
+    tests: Sequence[Case]
+    evidence: Evidence
+    claims: Sequence[Claim]
+
+
+def result_rows(found: Findings) -> list[Row]:
     """A row for every policy or strategy in every test."""
-    return [
-        _result(case, evidence.cases[case.name], recipe, kind, lives)
-        for case in tests
-        for (recipe, kind), lives in evidence.cases[case.name].lives.items()
-    ]
+    outcomes = [(case, found.evidence.cases[case.name]) for case in found.tests]
+    return [_result(case, outcome, key) for case, outcome in outcomes for key in outcome.lives]
 
 
-def _result(case: Case, measured: Measured, recipe: str, kind: str, lives: Lives) -> Row:
+def _result(case: Case, measured: Measured, key: Key) -> Row:
+    (recipe, kind), lives = key, measured.lives[key]
     of_mean, by_seed = estimate(lives.gain), lives.gain.mean(axis=1)
     greedy, rival = measured.lives[DEVISED, RIVAL], kind == RIVAL
     still = case.world.egg is None and not case.world.in_flow
@@ -82,10 +92,10 @@ def _spread(by_seed: np.ndarray) -> float | None:
     return float(by_seed.std(ddof=1)) if len(by_seed) > 1 else None
 
 
-def seed_rows(tests: Iterable[Case], evidence: Evidence) -> Iterator[Row]:
+def seed_rows(found: Findings) -> Iterator[Row]:
     """A row for every training seed in every test."""
-    for case, stack in [(each, stack) for each in tests for stack in each.stacks]:
-        measured = evidence.cases[case.name]
+    for case, stack in [(each, stack) for each in found.tests for stack in each.stacks]:
+        measured = found.evidence.cases[case.name]
         lives = measured.lives[stack.recipe, stack.kind]
         for place, (seed, policy) in enumerate(zip(stack.seeds, stack.policies, strict=True)):
             gain = lives.gain[place]
@@ -107,38 +117,20 @@ def seed_rows(tests: Iterable[Case], evidence: Evidence) -> Iterator[Row]:
             }
 
 
-def training_rows(planned: Iterable[Training]) -> list[Row]:
+def training_rows(found: Findings) -> Iterator[Row]:
     """A row for every run: what it cost."""
-    rows = []
-    for each in planned:
+    for each in found.planned:
         run, learning = RunFolder(each.folder), each.settings.learning
         own = each.run.startswith(f"{each.recipe}/{each.experiment}")
         minutes = sum(float(row["seconds"]) for row in run.rows(runs.TIMINGS)) / 60
-        rows.append(
-            {
-                "training": f"{each.recipe} {each.experiment}",
-                "seeds": each.settings.n_seeds,
-                "cells": learning.n_swimmers * learning.n_worlds,
-                "hidden layers": "×".join(str(size) for size in learning.hidden),
-                "γ": f"{learning.discount:g}",
-                "life": f"{each.settings.training_world().life:g}",
-                "epochs": learning.epochs,
-                "minutes, all seeds at once": f"{minutes:.1f}" if own else f"the run of {each.run}",
-                "commit": run.record.get("commit") or "unknown",
-            }
-        )
-    return rows
-
-
-def worst_against_best(evidence: Evidence) -> Iterator[tuple[str, Estimate]]:
-    """In the flow, cell by cell: the worst aware seed of each recipe less the best blind one of each."""
-    lives = evidence.cases[VORTICES].lives if VORTICES in evidence.cases else {}
-    for (recipe, aware), first in lives.items():
-        for (other, blind), second in lives.items():
-            if (aware, blind) == ("aware", "blind"):
-                worst, best = first.gain.mean(axis=1).argmin(), second.gain.mean(axis=1).argmax()
-                text = (
-                    f"the worst seed of {recipe} aware ({first.seeds[worst]}) less the best of {other} blind"
-                )
-                text += f" ({second.seeds[best]})"
-                yield text, estimate(first.gain[worst : worst + 1], second.gain[best : best + 1])
+        yield {
+            "training": f"{each.recipe} {each.experiment}",
+            "seeds": each.settings.n_seeds,
+            "cells": learning.n_swimmers * learning.n_worlds,
+            "hidden layers": "×".join(str(size) for size in learning.hidden),
+            "γ": f"{learning.discount:g}",
+            "life": f"{each.settings.training_world().life:g}",
+            "epochs": learning.epochs,
+            "minutes, all seeds at once": f"{minutes:.1f}" if own else f"the run of {each.run}",
+            "commit": run.record.get("commit") or "unknown",
+        }

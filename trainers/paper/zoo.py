@@ -20,8 +20,7 @@ from swarm.policies.network import Network, save_policy
 from swarm.population.results import RIVAL
 from swarm.population.statistics import fraction_of_limit
 from trainers.paper.measurements import DEVISED, Case, Evidence, Stack
-from trainers.paper.plan import Training
-from trainers.paper.stacks import Curves
+from trainers.paper.tables import Findings
 
 RECIPE = "swarm"  # whose policies are shipped
 FOLDER = "zoo"  # of a reproduction that trained
@@ -32,30 +31,29 @@ class ZooError(RuntimeError):
     """A reproduction whose policies cannot be shipped; the message says why."""
 
 
-def keep(
-    folder: Path, planned: Sequence[Training], tests: Sequence[Case], evidence: Evidence, curves: Curves
-) -> None:
+def keep(folder: Path, found: Findings) -> None:
     """Write the policy that is chosen for every experiment of the recipe, and its card for readers."""
-    for case in tests:
-        for stack in case.stacks:
-            mine = [each for each in planned if (each.recipe, each.experiment) == (RECIPE, stack.experiment)]
-            if mine and stack.recipe == RECIPE and stack.kind != "still":
-                card = _card(mine[0], stack, case, evidence)
-                curve = json.dumps(curves[RECIPE, stack.experiment]._asdict(), allow_nan=False)
-                pretty = json.dumps(card, indent=2, sort_keys=True, ensure_ascii=False, allow_nan=False)
-                folder.mkdir(exist_ok=True)
-                text = f'{pretty[:-2]},\n  "training": {curve}\n}}\n'
-                files.write_text(folder / f"{stack.experiment}.json", text)
-                policy = Network(stack.choice.weights, stack.choice.biases, card)
-                save_policy(policy, folder / f"{stack.experiment}.safetensors")
+    settings_of = {(each.recipe, each.experiment): each.settings for each in reversed(found.planned)}
+    for case, stack in [(each, stack) for each in found.tests for stack in each.stacks]:
+        key = (stack.recipe, stack.experiment)
+        if stack.recipe != RECIPE or stack.kind == "still" or key not in settings_of:
+            continue
+        card = _card(dataclasses.asdict(settings_of[key]), stack, case, found.evidence)
+        curve = found.trained[key].curve
+        assert curve is not None, "what was trained has a curve"
+        pretty = json.dumps(card, indent=2, sort_keys=True, ensure_ascii=False, allow_nan=False)
+        text = f'{pretty[:-2]},\n  "training": {json.dumps(curve._asdict(), allow_nan=False)}\n}}\n'
+        folder.mkdir(exist_ok=True)
+        files.write_text(folder / f"{stack.experiment}.json", text)
+        policy = Network(stack.choice.weights, stack.choice.biases, card)
+        save_policy(policy, folder / f"{stack.experiment}.safetensors")
 
 
-def _card(training: Training, stack: Stack, case: Case, evidence: Evidence) -> dict[str, Any]:
-    """The policy's card, with what the test says of it."""
+def _card(settings: dict[str, Any], stack: Stack, case: Case, evidence: Evidence) -> dict[str, Any]:
+    """The policy's card, with the settings it would be trained with and what the test says of it."""
     measured, card = evidence.cases[case.name], stack.choice.card
     lives = measured.lives[stack.recipe, stack.kind]
     gain = lives.gain[stack.chosen]
-    settings = dataclasses.asdict(training.settings)
     return card | {
         "experiment": stack.experiment,
         "settings": {name: settings[name] for name in card["settings"]},

@@ -166,8 +166,7 @@ def settings_of(policy: str, experiment: str | None) -> Settings:
     if not policy.startswith(ZOO) and not Path(policy).exists():
         named_policy(policy, World())  # raises, and suggests what may be meant
     card = load_policy(policy).card
-    known = card.get("settings")
-    known = known if isinstance(known, dict) else {}
+    known = card["settings"] if isinstance(card.get("settings"), dict) else {}
     stored = {name: known[name] for name in ("world", "evaluation") if name in known}
     stored["experiment"] = str(card.get("experiment", "own"))
     return settings_from_stored(stored, Path(policy))
@@ -178,25 +177,24 @@ def checked(values: Any, prefix: str = "") -> Settings:
     try:
         return TypeAdapter(Settings).validate_python(values)
     except ValidationError as error:
-        algorithm = values.get("algorithm") if isinstance(values, dict) else None
-        raise SettingsError(prefix + line_of(error, "ppo" if algorithm == "ppo" else "dqn")) from None
+        raise SettingsError(prefix + line_of(error, values)) from None
     except RecursionError:
         raise SettingsError(f"{prefix}values must not hold one another so deeply") from None
 
 
-def line_of(error: ValidationError, algorithm: Any = "dqn") -> str:
-    """The first thing that is wrong, in a line that names the key, the rule and the value."""
+def line_of(error: ValidationError, values: Any) -> str:
+    """The first thing that is wrong in the values, in a line that names the key, the rule and the value."""
     first = error.errors(include_url=False)[0]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
     if first["type"] in ("unexpected_keyword_argument", "invalid_key"):
-        return unknown(key, Settings(algorithm=algorithm).dotted())
+        ppo = isinstance(values, dict) and values.get("algorithm") == "ppo"
+        return unknown(key, Settings(algorithm="ppo" if ppo else "dqn").dotted())
     context, given = first.get("ctx", {}), first["input"]
     if first["type"] == "value_error":
         return f"{key}.{context['error']}".removeprefix(".")
     if first["type"] == "literal_error":
-        names = [name.strip("'") for name in context["expected"].replace(" or ", ", ").split(", ")]
         try:
-            check_name(key, given, names)
+            check_name(key, given, re.findall("'(.*?)'", context["expected"]))
         except (TypeError, ValueError) as named:
             return str(named)
     rule = RULE_OF.get(first["type"], first["msg"])

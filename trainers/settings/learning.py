@@ -77,18 +77,18 @@ class PPOSettings(LearningSettings):
     """Proximal policy optimisation (Schulman et al. 2017); none of its numbers is the paper's."""
 
     n_swimmers: Count = 40
-    epochs: Count = 30
-    collect: Whole = 32
-    passes: Count = 4  # over the decisions of a round, shuffled, in batches
-    batch_size: Count = 320
+    epochs: Count = 12
+    collect: Whole = 70
+    passes: Count = 8  # over the decisions of a round, shuffled, in batches
+    batch_size: Count = 700
     hidden: Sizes = dataclasses.field(default_factory=lambda: [64])  # of the policy and of the critic
-    lam: Part = 0.95  # λ of the generalised advantage estimate (Schulman et al. 2016)
+    lam: Part = 0.9  # λ of the generalised advantage estimate (Schulman et al. 2016)
     clip: Share = 0.2  # how far the ratio of new to old probabilities may leave 1
-    entropy: Amount = 0.01  # weight of the policy's entropy in the loss
+    entropy: Amount = 0.003  # weight of the policy's entropy in the loss
     critic: Literal["own", "central"] = "own"  # values one cell's observation, or the whole world's state
     critic_weight: Positive = 0.5  # of the critic's squared error in the loss
     max_gradient: Positive = 0.5  # norm that gradients are scaled down to
-    learning_rate: Positive = 5e-3
+    learning_rate: Positive = 3e-3
     learning_rate_schedule: Literal["inverse_time", "linear"] = "linear"
     keep: Literal["last", "best"] = "best"
 

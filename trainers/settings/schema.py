@@ -106,10 +106,8 @@ class Settings:
 
     def test_world(self) -> World:
         """The world to be tested in, with the test's life."""
-        changes: dict[str, Any] = {"life": self.evaluation.life}
-        if self.evaluation.field is not None:
-            changes["field"] = self.evaluation.field
-        return self.training_world().replace(**changes)
+        field, life = self.evaluation.field, self.evaluation.life
+        return self.training_world().replace(life=life, **({} if field is None else {"field": field}))
 
     def identity(self) -> dict[str, Any]:
         """All that decides a run: where its data lie does not, their checksums do."""

@@ -145,10 +145,11 @@ class Training:
         self.measures = np.concatenate([self.measures, row[None]])
 
     def _of_limit(self, gain: np.ndarray) -> np.ndarray:
-        """Gain (seeds,) as a fraction of the limit; NaN where there is none."""
-        if np.isnan(gain).all() or self.validation.limits is None:
-            return np.full(len(self.seeds), np.nan)
-        return gain / self.validation.limits
+        """Gain (seeds,) as a fraction of the limit; NaN where there is none above 0."""
+        nothing = np.full(len(self.seeds), np.nan)
+        if np.isnan(gain).all() or (limits := self.validation.limits) is None:
+            return nothing
+        return np.divide(gain, limits, out=nothing, where=limits > 0)
 
     # --- what is told of it ---------------------------------------------------------------------------------
 

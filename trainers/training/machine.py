@@ -16,15 +16,15 @@ def check_machine(settings: Settings) -> None:
     for name in ("tensorboard", "wandb"):
         if getattr(settings, name) and importlib.util.find_spec(name) is None:
             raise SettingsError(f"{name}=true needs {name}, which is not installed: pip install {name}")
+    if settings.device != "cpu":
+        return _check_device(settings.device)
     needed, there = memory_needed(settings), _memory()
-    if settings.device == "cpu" and there is not None and needed > there:
+    if there is not None and needed > there:
         raise SettingsError(
             f"these settings need {needed / 2**30:.3g} GiB of memory, this machine has {there / 2**30:.3g}: "
             "lower n_seeds, world.n_records, or what learning holds: buffer_size, n_swimmers, n_worlds, "
             "batch_size"
         )
-    if settings.device != "cpu":
-        _check_device(settings.device)
 
 
 def memory_needed(settings: Settings) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ from trainers.training.loop import Training
 from trainers.training.machine import check_machine
 from trainers.training.run_folder import RunFolder
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 Log = Callable[[list[dict[str, Any]], dict[str, Any]], None]
 Report = Callable[[Training, float], None]  # called after each epoch with the seconds it took
 
@@ -94,7 +96,7 @@ def train(training: Training, run: RunFolder, *, report: Report | None = None) -
     finished and saved; TrainingError for numbers that are not finite; CheckpointError for checkpoints that
     cannot be used; RunError where another process trains the run.
     """
-    settings = training.settings
+    settings, folder = training.settings, run.path / runs.CHECKPOINTS
     with run.locked():
         _go_on(training, run)
         with _logging(training, run) as log, _interruptible() as asked_to_stop:
@@ -103,7 +105,8 @@ def train(training: Training, run: RunFolder, *, report: Report | None = None) -
                 last = training.epoch == settings.learning.epochs
                 stopping = asked_to_stop() and not last
                 if last or stopping or training.epoch % settings.checkpoint_every == 0:
-                    _save(training, run)
+                    state = snapshots.tensors_of(training), snapshots.record_of(training)
+                    checkpoints.write(folder, training.epoch, *state, settings.identity())
                 if report is not None:
                     report(training, seconds)
                 if stopping:
@@ -151,24 +154,13 @@ def _epoch(training: Training, run: RunFolder, log: Log) -> float:
     return seconds
 
 
-def _save(training: Training, run: RunFolder) -> None:
-    checkpoints.write(
-        run.path / runs.CHECKPOINTS,
-        training.epoch,
-        snapshots.tensors_of(training),
-        snapshots.record_of(training),
-        training.settings.identity(),
-    )
-
-
 def save_policies(training: Training, run: RunFolder) -> None:
     """The kept policy of every seed, and the best of them by validation as the run's own."""
-    for place, (seed, policy) in enumerate(zip(training.seeds, training.policies(), strict=True)):
-        if len(training.seeds) > 1:
-            run.seed_folder(seed).mkdir(exist_ok=True)
-            save_policy(policy, run.seed_folder(seed) / runs.POLICY)
-        if place == int(np.argmax(training.best_gain)):
-            save_policy(policy, run.policy)
+    kept = training.policies()
+    for (_, path), policy in zip(run.policies(training.settings), kept, strict=True):
+        path.parent.mkdir(exist_ok=True)
+        save_policy(policy, path)
+    save_policy(kept[int(np.argmax(training.best_gain))], run.policy)
 
 
 def draw(training: Training, run: RunFolder) -> None:
@@ -209,12 +201,8 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
             raise KeyboardInterrupt("stopped at once")
         asked.append(number)
 
-    previous = {}
-    try:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            previous[number] = signal.signal(number, ask)
-    except ValueError:  # not in the main thread, where signals do not come
-        pass
+    heard = threading.current_thread() is threading.main_thread()  # signals come nowhere else
+    previous = {number: signal.signal(number, ask) for number in SIGNALS if heard}
     try:
         yield lambda: bool(asked)
     finally:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import json
 import os
 import re
@@ -35,11 +36,8 @@ class RunError(RuntimeError):
 def default_folder(settings: Settings, parent: Path = Path("runs")) -> Path:
     """A name that is not taken: experiment, recipe, seed and the time."""
     stem = f"{settings.experiment}-{settings.recipe}-seed{settings.seed}-{datetime.now():%Y%m%d-%H%M%S}"
-    folder, count = parent / stem, 1
-    while folder.exists():
-        count += 1
-        folder = parent / f"{stem}-{count}"
-    return folder
+    names = itertools.chain([stem], (f"{stem}-{count}" for count in itertools.count(2)))
+    return next(parent / name for name in names if not (parent / name).exists())
 
 
 class RunFolder:
@@ -126,6 +124,11 @@ class RunFolder:
     def seed_folder(self, seed: int) -> Path:
         """Where a seed's policy lies in a run of several."""
         return self.path / f"seed_{seed}"
+
+    def policies(self, settings: Settings) -> Iterator[tuple[int, Path]]:
+        """Every seed and where its kept policy lies; stored settings may name any number of them."""
+        for seed in range(settings.seed, settings.seed + settings.n_seeds):
+            yield seed, self.policy if settings.n_seeds == 1 else self.seed_folder(seed) / POLICY
 
     def rewrite(self, name: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
         """A table from its beginning: what a killed run wrote after its last checkpoint goes."""

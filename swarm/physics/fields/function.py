@@ -11,7 +11,7 @@ from swarm._support.checks import (
     check_box,
     check_function,
     check_number,
-    check_point,
+    check_pair,
     optional,
     parameter,
 )
@@ -29,7 +29,7 @@ class FunctionField(Checked):
     function: Callable[[Array], Array] = parameter(MISSING, check_function)
     gradient_scale: float = parameter(MISSING, check_number, above=0.0)  # c_k [concentration / length]
     max_gradient: float | None = parameter(None, optional(check_number), above=0.0)
-    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_point)  # [length]
+    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_pair)  # [length]
     # a path that comes this close to the egg has arrived [length]
     egg_radius: float | None = parameter(None, optional(check_number), above=0.0)
     # position (..., 2) -> bool (...); a cell that leaves is truncated

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from swarm._support.arrays import Array
-from swarm._support.checks import check_number, check_point
+from swarm._support.checks import check_number, check_pair
 from swarm.physics.fields.field import FIELDS
-from swarm.physics.grids.grid import check_units, read_grid
-from swarm.physics.grids.interpolant import Interpolant
+from swarm.physics.grids.grid import Interpolant, check_units, read_grid
 
 
 @FIELDS.register("gridded", data="path")
@@ -52,7 +51,7 @@ class GriddedField(Interpolant):
         self.gradient_scale = check_number("gradient_scale", gradient_scale, above=0.0)
         _, slopes = self.spline.bounds()
         self.max_gradient = float(np.hypot(*slopes[0]))
-        self.egg_position = check_point("egg_position", egg_position)
+        self.egg_position = check_pair("egg_position", egg_position)
         self.egg_radius = None if egg_radius is None else check_number("egg_radius", egg_radius, above=0.0)
         self._numbers = {"variable": grid.names[0], "gradient_scale": self.gradient_scale}
         self._numbers |= {"egg_position": self.egg_position, "egg_radius": self.egg_radius}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from swarm._support.arrays import Array, namespace
-from swarm._support.checks import Checked, check_number, check_point, optional, parameter
+from swarm._support.checks import Checked, check_number, check_pair, optional, parameter
 from swarm.physics.fields.field import FIELDS
 
 
@@ -40,7 +40,7 @@ class GaussianPlume(Checked):
     gradient_scale: float = parameter(1.0, check_number, above=0.0)
     width: float = parameter(10.0, check_number, above=0.0)  # w [length]
     offset: float = parameter(0.0, check_number)  # c_0, far away [concentration]
-    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_point)  # r₀ [length]
+    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_pair)  # r₀ [length]
     # a path that comes this close to r₀ has arrived; None: nothing ends there
     egg_radius: float | None = parameter(1.0, optional(check_number), above=0.0)
 
@@ -72,7 +72,7 @@ class DiffusingSource(Checked):
     distance: float = parameter(10.0, check_number, above=0.0)  # where the gradient is c_k [length]
     core: float = parameter(1.0, check_number, above=0.0)  # a [length]
     offset: float = parameter(0.0, check_number)  # c_0, far away [concentration]
-    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_point)  # r₀ [length]
+    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_pair)  # r₀ [length]
     # a path that comes this close to r₀ has arrived; None: nothing ends there
     egg_radius: float | None = parameter(1.0, optional(check_number), above=0.0)
 

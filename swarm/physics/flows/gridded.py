@@ -10,8 +10,7 @@ import numpy as np
 from swarm._support.arrays import Array, join
 from swarm._support.checks import check_number
 from swarm.physics.flows.flow import FLOWS
-from swarm.physics.grids.grid import Grid, check_units, read_grid
-from swarm.physics.grids.interpolant import Interpolant
+from swarm.physics.grids.grid import Grid, Interpolant, check_units, read_grid
 
 
 @FLOWS.register("gridded", data="path")

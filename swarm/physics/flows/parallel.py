@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from swarm._support.arrays import Array, namespace
-from swarm._support.checks import Checked, check_number, check_point, parameter
+from swarm._support.checks import Checked, check_number, check_pair, parameter
 from swarm.physics.flows.flow import FLOWS
 
 
@@ -19,7 +19,7 @@ class UniformFlow(Checked):
     The spin scale is 1 rad per time, because a spin that is zero everywhere is so in any unit.
     """
 
-    current: tuple[float, float] = parameter((0.1, 0.0), check_point)  # (u_x, u_y) [length / time]
+    current: tuple[float, float] = parameter((0.1, 0.0), check_pair)  # (u_x, u_y) [length / time]
 
     spin_scale = 1.0
     max_spin = 0.0
@@ -83,7 +83,7 @@ class PoiseuilleFlow(Checked):
 
     # u₀, the speed in the middle [length / time]
     speed_scale: float = parameter(0.1, check_number, above=0.0)
-    walls: tuple[float, float] = parameter((0.0, 10.0), check_point)  # a, b [length]
+    walls: tuple[float, float] = parameter((0.0, 10.0), check_pair)  # a, b [length]
 
     max_speed = property(attrgetter("speed_scale"))
     max_spin = property(attrgetter("spin_scale"))

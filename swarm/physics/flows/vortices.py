@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from swarm._support.arrays import Array, join, namespace
-from swarm._support.checks import Checked, check_flag, check_number, check_point, parameter
+from swarm._support.checks import Checked, check_flag, check_number, check_pair, parameter
 from swarm.physics.flows.flow import FLOWS
 
 # Lamb–Oseen: x² = 1.2564… solves 1 + 2x² = exp(x²), and there (1 − exp(−x²))/x is largest.
@@ -69,7 +69,7 @@ class Vortex(Checked):
 
     speed_scale: float = parameter(0.1, check_number, above=0.0)  # u₀, the largest speed [length / time]
     core: float = parameter(2.0, check_number, above=0.0)  # a [length]
-    centre: tuple[float, float] = parameter((5.0, 5.0), check_point)  # r₀ [length]
+    centre: tuple[float, float] = parameter((5.0, 5.0), check_pair)  # r₀ [length]
     clockwise: bool = parameter(False, check_flag)
 
     max_speed = property(attrgetter("speed_scale"))

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm._support.arrays import as_array, join, namespace
+from swarm._support.compiler import alongside
 
 Array = Any
 
@@ -62,7 +63,7 @@ def left_of(vector: Array) -> Array:
     return join(-y, x)
 
 
-def turned(vector: tuple[Array, Array], cosine: Array, sine: Array) -> tuple[Array, Array]:
+def turned(vector: tuple[Array, ...], cosine: Array, sine: Array) -> tuple[Array, Array]:
     """Components of a vector turned counter-clockwise by an angle; longer where cosine and sine are."""
     x, y = vector
     return cosine * x - sine * y, cosine * y + sine * x
@@ -79,7 +80,7 @@ def unit(x: Array, y: Array) -> Array:
 
 def along_arc(pose: Pose, motion: Motion) -> Pose:
     """The pose after a motion (..., cells) in still water."""
-    x, y = turned(components(pose.heading), *motion)
+    x, y = turned(alongside(motion.ahead, *components(pose.heading)), *motion)
     return Pose(join(x[0, ...], y[0, ...]) + pose.position, unit(x[1, ...], y[1, ...]))
 
 
@@ -117,3 +118,10 @@ def closest_approach(pose: Pose, curvature: Array, length: Array, point: tuple[f
     at_ends = xp.minimum(length_of(start), length_of(end))
     to_arc = xp.where(angle <= turn, xp.abs(length_of(centre) - radius), at_ends)
     return xp.where(straight, to_line, to_arc)
+
+
+def comes_within(path: Array, end: Array, point: tuple[float, float], radius: float) -> Array:
+    """Whether a place of a path (places, ..., 2), or its end (..., 2), lies within a radius of `point`."""
+    xp = namespace(path)
+    places = xp.concat([path, end[None, ...]], axis=0) - as_array(np.asarray(point), path)
+    return xp.any(places[..., 0] ** 2 + places[..., 1] ** 2 <= radius**2, axis=0)

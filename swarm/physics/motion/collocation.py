@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from swarm._support.arrays import as_array, join, namespace, outer
-from swarm._support.compiler import by_piece
+from swarm._support.compiler import alongside, by_piece
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc, components, turned, unit
 
@@ -110,9 +110,10 @@ class Collocation:
     def _substep(
         self, pose: Pose, motions: Motion, speed: Array, table: Array, flow: Flow
     ) -> tuple[Pose, Array | None]:
-        position_x, position_y = components(pose.position)
+        start = *components(pose.position), *components(pose.heading), speed
+        position_x, position_y, *heading, speed = alongside(motions.ahead, *start)
         n = self.nodes
-        moved_x, moved_y = turned(components(pose.heading), *motions)  # (2, targets, ...)
+        moved_x, moved_y = turned(tuple(heading), *motions)  # (2, targets, ...)
         arc_x, arc_y = moved_x[0, ...] + position_x, moved_y[0, ...] + position_y  # (targets, ...)
         tangent_x, tangent_y = moved_x[1, ...], moved_y[1, ...]
         along_x, along_y = tangent_x[:n, ...] * speed, tangent_y[:n, ...] * speed
@@ -137,9 +138,10 @@ class Collocation:
 
 def _integral(weights: Array, rate: Array) -> Array:
     """Σ weights (targets, nodes, ...) · rate (nodes, ...), in the same order however many cells there are."""
-    total = weights[:, 0, ...] * rate[0, ...]
-    for node in range(1, rate.shape[0]):
-        total = total + weights[:, node, ...] * rate[node, ...]
+    rates = alongside(weights, *(rate[node, ...] for node in range(rate.shape[0])))
+    total = weights[:, 0, ...] * rates[0]
+    for node in range(1, len(rates)):
+        total = total + weights[:, node, ...] * rates[node]
     return total
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from swarm._support.arrays import as_array, look_up, namespace
 from swarm._support.compiler import unrolled
-from swarm.physics.flows import Flow
+from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc
 from swarm.physics.motion.clock import Clock, Ticks
 from swarm.physics.motion.collocation import Collocation
@@ -48,7 +48,17 @@ class Swimmer:
     speeds: tuple[float, ...]  # [length / time]
     clock: Clock
     flow: Flow
-    scheme: Collocation | None  # how intervals in the flow are integrated; None in still water
+    spacing: float | None = None  # of the places on paths in a flow that are wanted too [time]
+
+    @cached_property
+    def scheme(self) -> Collocation | None:
+        """How intervals in the flow are integrated; None in still water."""
+        if isinstance(self.flow, StillWater):
+            return None
+        longest = max(self.clock.intervals)
+        lengths = [speed * time for speed, time in zip(self.speeds, self.clock.intervals, strict=True)]
+        turns = [kappa * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
+        return Collocation.for_interval(self.flow, max(turns), max(lengths), longest, self.spacing)
 
     def normal_curvature(self, curvature: Array) -> Array:
         """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""

@@ -1,0 +1,105 @@
+"""PPO: its parts by hand, and runs that end as if they had never been stopped."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+
+from swarm.torchrl_env import SwarmEnv
+from tests.short_runs import Crash, assert_equal_runs, go_on, short_settings, start, whole
+from trainers.algorithms.networks import seed_mlp
+from trainers.algorithms.ppo import PPO, Sampling, clip_by_seed
+from trainers.settings.composition import settings_from
+from trainers.training.loop import Training
+
+
+def seeds(count):
+    return [torch.Generator().manual_seed(each) for each in range(count)]
+
+
+def test_actions_are_drawn_by_their_probability():
+    env = SwarmEnv(1, n_swimmers=2000)
+    env.restart()
+    network = seed_mlp((8, 2), seeds(1))
+    sampling = Sampling(network, env, central=False)
+    observation = env.observation[:, :1].expand(1, 2000, 8)
+    uniform = torch.rand(1, 2000, 2, generator=torch.Generator().manual_seed(0))
+    out = sampling(TensorDict({"observation": observation, "uniform": uniform}, (1, 2000)))
+    chances = network(observation).softmax(-1)[0, 0]
+    assert out["action"].double().mean().item() == pytest.approx(chances[1].item(), abs=0.04)
+    taken = chances[out["action"][0]].log()
+    torch.testing.assert_close(out["action_log_prob"][0], taken)
+
+
+def test_a_gradient_is_scaled_down_seed_by_seed():
+    parameter = torch.nn.Parameter(torch.zeros(2, 3, 1))
+    parameter.grad = torch.tensor([[[3.0], [0.0], [4.0]], [[0.3], [0.0], [0.4]]])
+    clip_by_seed([parameter], 1.0)
+    torch.testing.assert_close(parameter.grad.flatten(1).norm(dim=1), torch.tensor([1.0, 0.5]))
+
+
+def test_advantages_bootstrap_when_time_is_up_and_not_after_an_arrival():
+    settings = settings_from(
+        ["algorithm=ppo", "learning.n_swimmers=3", "learning.discount=0.9", "learning.lam=0.5"]
+    )
+    env = SwarmEnv(1, n_swimmers=3, seeds=[0], world=settings.training_world())
+    env.restart()
+    learner = PPO(env, settings)
+    rollout = learner.collector.collect(2)
+    # cell 0 goes on, cell 1 arrives in the second decision, cell 2 was done before it
+    rollout["next", "terminated"][1, 0, 1] = rollout["next", "done"][1, 0, 1] = True
+    rollout["next", "done"][:, 0, 2] = True
+    rollout["collector", "mask"][1, 0, 2] = False
+    rows = learner.judged(rollout)
+    value = lambda seen: learner.critic(seen.reshape(1, 1, -1)).item()  # noqa: E731
+    for cell, continues in ((0, True), (1, False)):
+        reward = rollout["next", "reward"][:, 0, cell, 0].tolist()
+        seen = [*rollout["seen"][:, 0, cell], rollout["next", "observation"][1, 0, cell]]
+        v = [value(each) for each in seen]
+        last = reward[1] + 0.9 * v[2] * continues - v[1]
+        first = reward[0] + 0.9 * v[1] - v[0] + 0.9 * 0.5 * last
+        goals = rows["value_target"].reshape(3, 2)[cell]
+        torch.testing.assert_close(goals, torch.tensor([first + v[0], last + v[1]]), rtol=1e-4, atol=1e-4)
+    alive = rows["collector", "mask"].reshape(3, 2)
+    advantage = rows["advantage"].reshape(3, 2)
+    assert advantage[~alive].abs().max() == 0
+    assert advantage[alive].mean().item() == pytest.approx(0, abs=1e-5)
+
+
+@pytest.mark.parametrize("critic", ["own", "central"])
+def test_a_seed_trains_the_same_alone_and_in_a_stack(critic):
+    both, alone = (
+        Training(short_settings("ppo", seed=seed, n_seeds=count, learning={"critic": critic}))
+        for seed, count in ((0, 2), (1, 1))
+    )
+    for training in (both, alone):
+        training.run_epoch()
+    one, other = both.algorithm.tensors(), alone.algorithm.tensors()
+    for name in other:
+        if not name.endswith("step"):
+            torch.testing.assert_close(one[name][1:], other[name], rtol=1e-3, atol=1e-4, msg=name)
+
+
+def test_a_central_critic_sees_all_cells_of_the_world():
+    training = Training(short_settings("ppo", learning={"critic": "central", "n_swimmers": 4}))
+    training.env.restart()
+    seen = training.algorithm.sampling.seen(training.env.observation)
+    assert seen.shape[-1] == training.env.world.observation_size + 5 * 4
+    np.testing.assert_array_equal(seen[0, 0, -20:], seen[0, 3, -20:])
+
+
+def test_an_interrupted_run_ends_as_one_that_was_not(tmp_path):
+    settings = short_settings("ppo", checkpoint_every=1)
+    expected = whole(tmp_path / "whole", settings)
+    run = start(tmp_path / "run", settings)
+
+    def stop(training, seconds):
+        if training.epoch == 3:
+            raise Crash
+
+    with pytest.raises(Crash):
+        go_on(run, settings, report=stop)
+    go_on(run, settings)
+    assert_equal_runs(run, expected)
