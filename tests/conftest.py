@@ -1,7 +1,5 @@
 """What every test module shares: one fixture of array libraries, and Hypothesis without a clock."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import os

@@ -1,7 +1,5 @@
 """Independent physics that the tests compare with, and the traffic between array libraries."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Training runs that take a fraction of a second, and what two equal runs have in common."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

@@ -4,8 +4,6 @@ The blocks of a page share their names and a folder of their own, from top to bo
 has its `swarm` commands run between its Python blocks, shortened by the words in `SHORT`.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 import shlex

@@ -3,8 +3,6 @@
 Those for libraries that need an environment of their own run there; here their texts are checked.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import importlib.util
@@ -23,7 +21,7 @@ OURS = ("swarm", "trainers")
 
 pytestmark = [
     # as PettingZoo's wrapper in TorchRL says of every version but one
-    pytest.mark.filterwarnings("ignore:PettingZoo in TorchRL is tested using version:UserWarning"),
+    pytest.mark.filterwarnings("ignore:PettingZoo in TorchRL is tested using version:UserWarning")
 ]
 
 

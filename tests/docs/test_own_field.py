@@ -1,7 +1,5 @@
 """The page on own fields and flows does what it says."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every cell is an environment of its own, and Gymnasium's conventions about ends and restarts are kept."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 
@@ -81,8 +79,6 @@ def test_every_cell_lives_one_life_after_another_from_its_own_starts(name):
 
 @pytest.mark.parametrize("name", WORLDS)
 def test_the_modes_differ_only_in_when_lives_begin(name):
-    """What a life holds, told apart by cell and episode, is the same in every mode."""
-
     def lives(mode):
         env = SpermSwarmVector(4, autoreset_mode=mode, **WORLDS[name])
         observation, _ = env.reset(seed=0)
@@ -127,8 +123,6 @@ def test_the_modes_differ_only_in_when_lives_begin(name):
 
 
 def test_ends_are_told_as_gymnasium_s_own_vector_environments_tell_them():
-    """Same keys, same types, same marks."""
-
     class Short(gymnasium.Env):
         observation_space, action_space = Box(-1, 1, (8,), np.float32), Discrete(2)
 
@@ -167,9 +161,8 @@ def test_metadata_declares_when_lives_begin():
     for mode in MODES:
         assert SpermSwarmVector(1, autoreset_mode=mode).metadata["autoreset_mode"] is AutoresetMode(mode)
     assert SpermSwarmVector(1).metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-    assert (
-        SpermSwarmVector(1, autoreset_mode=AutoresetMode.NEXT_STEP).autoreset_mode is AutoresetMode.NEXT_STEP
-    )
+    given = AutoresetMode.NEXT_STEP
+    assert SpermSwarmVector(1, autoreset_mode=given).autoreset_mode is given
 
 
 def test_it_is_registered_with_gymnasium():
@@ -180,17 +173,14 @@ def test_it_is_registered_with_gymnasium():
 
 
 def test_it_starts_where_the_pettingzoo_face_starts():
-    vector, parallel = SpermSwarmVector(4), swarm.parallel_env(4)
+    world = swarm.World(n_records=3)
+    vector, parallel = SpermSwarmVector(4, world=world), swarm.parallel_env(4, n_records=3)
+    assert vector.world is world
     for seed in (3, None):
         observation, _ = vector.reset(seed=seed)
         observations, _ = parallel.reset(seed=seed)
         np.testing.assert_array_equal(observation, np.stack(list(observations.values())))
         np.testing.assert_array_equal(vector.state(), parallel.state())
-
-
-def test_a_given_world_is_used():
-    world = swarm.World(field="radial", life=5.0)
-    assert SpermSwarmVector(2, world=world).world is world
 
 
 def test_max_cycles_truncates_each_cell_counting_from_its_own_start():
@@ -253,9 +243,6 @@ def test_a_copy_goes_on_like_the_original_and_apart_from_it(duplicate):
             np.testing.assert_array_equal(a, b)
 
 
-# --- what is wrong ---
-
-
 def snapshot(env):
     return pickle.dumps(env.__getstate__())
 
@@ -266,11 +253,9 @@ def snapshot(env):
         ([0, 2, 0], ValueError, r"actions must be 3 whole numbers from 0 to 1, got 2 for swimmer_1"),
         ([0, 0, -1], ValueError, "got -1 for swimmer_2"),
         ([0.0, 1.0, 0.0], TypeError, "actions must be 3 whole numbers from 0 to 1, got float64"),
-        ([0.0, np.nan, 0.0], TypeError, "actions must be 3 whole numbers"),
         ([True, False, True], TypeError, "actions must be 3 whole numbers from 0 to 1, got bool"),
         ([0, 1], ValueError, r"got shape \(2,\)"),
         ([[0, 1, 0]], ValueError, r"got shape \(1, 3\)"),
-        (None, TypeError, "actions must be 3 whole numbers"),
     ],
 )
 def test_bad_actions_are_told_and_change_nothing(wrong, error, message):
@@ -346,20 +331,10 @@ def test_a_restart_that_fails_leaves_the_lives_as_they_were():
 @pytest.mark.parametrize(
     ("wrong", "error", "message"),
     [
-        (
-            {"autoreset_mode": "samestep"},
-            ValueError,
-            "autoreset_mode must be one of .* did you mean 'SameStep'",
-        ),
+        ({"autoreset_mode": "samestep"}, ValueError, "autoreset_mode must be .* did you mean 'SameStep'"),
         ({"n_record": 4}, ValueError, "parameter must be one of .* did you mean 'n_records'"),
-        (
-            {"world": swarm.World(), "life": 3.0},
-            TypeError,
-            r"world must be given alone, got \['life'\] besides",
-        ),
+        ({"world": swarm.World(), "life": 3.0}, TypeError, r"must be given alone, got \['life'\] besides"),
         ({"world": "linear"}, TypeError, "world must be a World, got 'linear'"),
-        ({"max_cycles": 0}, ValueError, "max_cycles must be"),
-        ({"render_mode": "ansi"}, ValueError, "render_mode must be one of human, rgb_array"),
         ({"n_swimmers": 0}, ValueError, "n_swimmers must be"),
     ],
 )

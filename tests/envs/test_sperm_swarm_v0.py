@@ -1,11 +1,9 @@
 """The PettingZoo face keeps its contract; what is wrong is told and changes nothing."""
 
-from __future__ import annotations
-
 import copy
 import inspect
+import itertools
 import pickle
-import random
 
 import numpy as np
 import pettingzoo
@@ -55,9 +53,6 @@ def snapshot(env):
     return pickle.dumps((env.agents, env.state(), env.__getstate__()))
 
 
-# --- the contract ---
-
-
 def test_the_arguments_are_those_that_were_promised():
     promised = {
         "n_swimmers": 40,
@@ -88,12 +83,6 @@ def test_the_arguments_are_those_that_were_promised():
         assert list(parameters) == list(promised)
 
 
-def test_the_default_start_box_is_the_paper_s_or_one_vortex_cell():
-    assert parallel_env().world.box == ((0, 10), (0, 10))
-    period = 2 * np.pi / swarm.TaylorGreen().wavenumber
-    assert parallel_env(flow="taylor_green").world.box == ((0, period), (0, period))
-
-
 def test_swarm_parallel_env_is_the_same_function():
     assert swarm.parallel_env is sperm_swarm_v0.parallel_env
 
@@ -102,11 +91,6 @@ def test_swarm_parallel_env_is_the_same_function():
 def test_it_is_registered_with_pettingzoo(kind):
     env = pettingzoo.make(kind, "chemoswarm/sperm_swarm_v0", n_swimmers=3)
     assert env.possible_agents == ["swimmer_0", "swimmer_1", "swimmer_2"]
-
-
-def test_fields_and_flows_may_be_named_or_given():
-    named = parallel_env(2, field="radial", flow="taylor_green").world
-    assert named == parallel_env(2, field=swarm.RadialField(), flow=swarm.TaylorGreen()).world
 
 
 def test_agents_are_named_swimmers_and_have_a_space_each(env):
@@ -120,40 +104,21 @@ def test_agents_are_named_swimmers_and_have_a_space_each(env):
 
 
 def test_spaces_are_finite_and_hold(env):
-    observations, _ = env.reset(seed=0)
+    observations, infos = env.reset(seed=0)
+    assert infos == {agent: {"gain": 0.0} for agent in env.possible_agents}
     spaces = [env.state_space, *(env.observation_space(agent) for agent in env.agents)]
     assert all(isinstance(space, Box) for space in spaces)
     assert all(np.isfinite(space.low).all() and np.isfinite(space.high).all() for space in spaces)
-    steps = [(observations, {}, {}), *((step[0], step[1], step[4]) for step in play(env))]
-    assert len(steps) > 2
-    for seen, rewards, infos in steps:
+    steps = 0
+    for seen, rewards, *_, told in itertools.chain([(observations, {}, infos)], play(env)):
+        steps += 1
+        assert env.state() in env.state_space
         for agent, observation in seen.items():
             assert observation.dtype == np.float32
             assert observation in env.observation_space(agent)
         assert all(type(reward) is float and np.isfinite(reward) for reward in rewards.values())
-        assert all(set(info) == {"gain"} and type(info["gain"]) is float for info in infos.values())
-
-
-def test_the_state_lies_in_its_space(env):
-    env.reset(seed=0)
-    assert env.state() in env.state_space
-    for _ in play(env):
-        assert env.state() in env.state_space
-
-
-def test_bounds_are_tight_where_the_gradient_is_known():
-    bound = parallel_env(1).observation_space("swimmer_0").high
-    assert bound.max() < 10
-
-
-def test_infos_hold_the_gain_from_reset_on(env):
-    _, infos = env.reset(seed=0)
-    assert infos == {agent: {"gain": 0.0} for agent in env.possible_agents}
-    start = env.world.field.concentration(env.state()[:, :2])
-    for *_, infos in play(env):
-        gain = env.world.field.concentration(env.state()[:, :2]) - start
-        for agent, info in infos.items():
-            assert info["gain"] == pytest.approx(gain[env.possible_agents.index(agent)], abs=1e-4)
+        assert all(set(info) == {"gain"} and type(info["gain"]) is float for info in told.values())
+    assert steps > 2
 
 
 def test_the_environment_steps_the_world_and_adds_nothing(env):
@@ -201,20 +166,6 @@ def test_the_state_has_the_dtype_that_was_chosen(dtype):
         assert all(part.dtype == dtype for part in env.arena.state[:3])
 
 
-# --- lives that end ---
-
-
-def test_out_of_time_is_a_truncation_of_all_at_the_same_time():
-    env = parallel_env(3, life=1.0)
-    env.reset(seed=0)
-    steps = list(play(env))
-    assert len(steps) == 3  # 0.38, 0.76, 1.00
-    *_, terminations, truncations, _ = steps[-1]
-    assert env.agents == []
-    assert truncations == dict.fromkeys(env.possible_agents, True)
-    assert terminations == dict.fromkeys(env.possible_agents, False)
-
-
 def test_max_cycles_truncates_too_and_whichever_comes_first():
     for life, max_cycles, expected in ((80.0, 7, 7), (1.0, 7, 3), (1.0, 3, 3)):
         env = parallel_env(3, life=life, max_cycles=max_cycles)
@@ -222,7 +173,9 @@ def test_max_cycles_truncates_too_and_whichever_comes_first():
             env.reset(seed=0)
             steps = list(play(env))
             assert len(steps) == expected
-            assert all(steps[-1][3].values())
+            assert not env.agents
+            assert steps[-1][3] == dict.fromkeys(env.possible_agents, True)
+            assert not any(steps[-1][2].values())
 
 
 def test_swimmers_with_clocks_of_their_own_leave_one_after_another():
@@ -247,69 +200,25 @@ def test_the_finished_stay_where_they_are_and_in_the_state():
     env.reset(seed=0)
     while len(env.agents) == 2:
         env.step({agent: int(agent[-1]) for agent in env.agents})
-    rested = env.state()[1]
+    rested, before = env.state()[1], snapshot(env)
     assert rested[3] == 5.0
+    with pytest.raises(ValueError, match="got none for swimmer_0"):
+        env.step({"swimmer_1": 0})
+    assert snapshot(env) == before
     env.step({"swimmer_0": 0})
     np.testing.assert_array_equal(env.state()[1], rested)
     env.step({"swimmer_0": 0, "swimmer_1": "whatever"})  # wrappers send them; nobody reads them
     np.testing.assert_array_equal(env.state()[1], rested)
 
 
-def test_reaching_the_egg_is_a_termination():
-    env = parallel_env(2, field="radial", life=400.0)
+@pytest.mark.parametrize("max_cycles", [None, 1])
+def test_reaching_the_egg_is_a_termination_and_no_truncation(max_cycles):
+    env = parallel_env(2, field="radial", life=400.0, max_cycles=max_cycles)
     env.reset(seed=0, options={"position": [(1.1, 0.0), (9.0, 9.0)], "heading": [np.pi, 0.0]})
     _, _, terminations, truncations, _ = env.step(constant(env))
     assert terminations == {"swimmer_0": True, "swimmer_1": False}
-    assert not any(truncations.values())
-    assert env.agents == ["swimmer_1"]
-
-
-def test_an_arrival_with_the_last_cycle_is_no_truncation():
-    env = parallel_env(2, field="radial", max_cycles=1)
-    env.reset(seed=0, options={"position": [(1.1, 0.0), (9.0, 9.0)], "heading": [np.pi, 0.0]})
-    _, _, terminations, truncations, _ = env.step(constant(env))
-    assert terminations == {"swimmer_0": True, "swimmer_1": False}
-    assert truncations == {"swimmer_0": False, "swimmer_1": True}
-
-
-def test_leaving_the_known_part_of_a_field_is_a_truncation():
-    field = Field(inside=lambda position: position[..., 0] < 1.0)
-    env = parallel_env(2, field=field, start_box=((0, 0.1), (0, 0.1)))
-    env.reset(seed=0, options={"position": [(0.95, 0.0), (-5.0, 0.0)], "heading": [-0.5, 0.0]})
-    _, _, terminations, truncations, _ = env.step(constant(env))
-    assert truncations == {"swimmer_0": True, "swimmer_1": False}
-    assert not any(terminations.values())
-
-
-# --- seeds and starts ---
-
-
-def test_a_life_does_not_depend_on_how_many_others_there_are(env):
-    few = parallel_env(2, **({"life": 6.0} | {name: getattr(env.world, name) for name in WORLD}))
-    few.arena.dtype = env.arena.dtype
-    observations, others = few.reset(seed=5)[0], env.reset(seed=5)[0]
-    while few.agents:
-        for agent in few.agents:
-            np.testing.assert_array_equal(observations[agent], others[agent])
-        action = {agent: (int(agent[-1]) + few.arena.decision[0]) % 2 for agent in env.agents}
-        observations = few.step({agent: action[agent] for agent in few.agents})[0]
-        others = env.step(action)[0]
-
-
-WORLD = (
-    "n_records",
-    "field",
-    "flow",
-    "sense_flow",
-    "varying_speed",
-    "life",
-    "start_box",
-    "curvatures",
-    "interval_rule",
-    "concentration_noise",
-    "curvature_noise",
-    "rotational_diffusion",
-)
+    assert truncations == {"swimmer_0": False, "swimmer_1": max_cycles == 1}
+    assert env.agents == ([] if max_cycles else ["swimmer_1"])
 
 
 def test_a_seed_begins_a_stream_of_episodes():
@@ -336,27 +245,6 @@ def test_without_a_seed_every_environment_begins_elsewhere():
     assert not np.array_equal(first.state(), second.state())
 
 
-def test_global_generators_are_left_alone():
-    numbers, legacy = random.getstate(), np.random.get_state(legacy=False)  # noqa: NPY002
-    env = parallel_env(2, rotational_diffusion=0.1)
-    env.reset()
-    env.step(constant(env))
-    env.reset(seed=0)
-    assert random.getstate() == numbers
-    after = np.random.get_state(legacy=False)  # noqa: NPY002
-    np.testing.assert_array_equal(after["state"]["key"], legacy["state"]["key"])
-    assert after["state"]["pos"] == legacy["state"]["pos"]
-
-
-def test_starts_lie_in_the_box_and_poses_may_be_given_outside():
-    env = parallel_env(50, start_box=((2, 3), (-5, -4)))
-    env.reset(seed=0)
-    x, y = env.state()[:, :2].T
-    assert ((x >= 2) & (x <= 3) & (y >= -5) & (y <= -4)).all()
-    env.reset(options={"position": np.full((50, 2), 77.0)})
-    np.testing.assert_array_equal(env.state()[:, :2], 77.0)
-
-
 def test_one_pose_option_leaves_the_other_to_the_seed():
     env = parallel_env(3)
     env.reset(seed=0)
@@ -373,24 +261,6 @@ def test_unknown_options_are_ignored():
     np.testing.assert_array_equal(env.state(), plain.state())
 
 
-def test_noise_goes_on_past_its_block_and_differs_between_episodes():
-    env = parallel_env(2, rotational_diffusion=0.1, life=80.0)
-    turns = []
-    for _ in range(2):
-        env.reset(seed=4, options={"position": np.zeros((2, 2)), "heading": np.zeros(2)})
-        turns.append([])
-        for _ in range(100):
-            env.step(constant(env))
-            turns[-1].append(env.state()[0, 2])
-    assert turns[0] == turns[1]
-    env.reset(options={"position": np.zeros((2, 2)), "heading": np.zeros(2)})
-    env.step(constant(env))
-    assert env.state()[0, 2] != turns[0][0]
-
-
-# --- what is wrong ---
-
-
 def begun(**settings):
     env = parallel_env(3, **settings)
     env.reset(seed=0)
@@ -402,19 +272,12 @@ BAD_ACTIONS = {
     "too large": ({"swimmer_1": 2}, ValueError, "swimmer_1 must be a whole number from 0 to 1, got 2"),
     "negative": ({"swimmer_1": -1}, ValueError, "swimmer_1 must be a whole number from 0 to 1, got -1"),
     "enormous": ({"swimmer_1": 2**70}, ValueError, "swimmer_1 must be a whole number"),
-    "beyond a byte": (
-        {"swimmer_2": 256},
-        ValueError,
-        "swimmer_2 must be a whole number from 0 to 1, got 256",
-    ),
+    "beyond a byte": ({"swimmer_2": 256}, ValueError, "swimmer_2 must be a whole number .*, got 256"),
     "a float": ({"swimmer_1": 1.0}, TypeError, r"swimmer_1 must be a whole number from 0 to 1, got 1\.0"),
     "NaN": ({"swimmer_0": float("nan")}, TypeError, "swimmer_0 must be a whole number from 0 to 1, got nan"),
     "an array": ({"swimmer_0": np.array([1])}, TypeError, r"swimmer_0 must .* got array\(\[1\]\)"),
-    "a float array": ({"swimmer_0": np.array(1.0)}, TypeError, "swimmer_0 must be a whole number"),
-    "text": ({"swimmer_0": "1"}, TypeError, "swimmer_0 must be a whole number from 0 to 1, got '1'"),
     "nothing": ({"swimmer_0": None}, TypeError, "swimmer_0 must be a whole number from 0 to 1, got None"),
     "unknown agent": ({"swimmer_3": 0}, ValueError, "for swimmer_0 to swimmer_2, got one for 'swimmer_3'"),
-    "wrong name": ({"cell_0": 0}, ValueError, "for swimmer_0 to swimmer_2, got one for 'cell_0'"),
 }
 
 
@@ -433,10 +296,7 @@ def test_a_bad_action_is_told_and_changes_nothing(case):
     [
         ({}, ValueError, "got none for swimmer_0, swimmer_1, swimmer_2"),
         ({"swimmer_0": 0, "swimmer_2": 1}, ValueError, "for every agent in `agents`, got none for swimmer_1"),
-        ({"swimmer_0": 0, "swimmer_1": 1, "stranger": 1}, ValueError, "got one for 'stranger'"),
         ([0, 1, 0], TypeError, r"actions must be a dictionary from agents to actions, got \[0, 1, 0\]"),
-        (None, TypeError, "actions must be a dictionary from agents to actions, got None"),
-        (np.zeros(3, int), TypeError, "actions must be a dictionary"),
     ],
 )
 def test_actions_for_others_than_the_agents_are_told_and_change_nothing(actions, error, message):
@@ -464,17 +324,6 @@ def test_more_curvatures_than_a_byte_holds_can_be_chosen_from():
         env.step({"swimmer_0": 301})
 
 
-def test_actions_of_the_finished_are_missed_by_nobody():
-    env = parallel_env(2, varying_speed=True, life=3.5)
-    env.reset(seed=0)
-    while len(env.agents) == 2:
-        env.step({agent: int(agent[-1]) for agent in env.agents})
-    before = snapshot(env)
-    with pytest.raises(ValueError, match="got none for swimmer_0"):
-        env.step({"swimmer_1": 0})
-    assert snapshot(env) == before
-
-
 def test_nothing_is_possible_before_the_first_reset():
     env = parallel_env(2)
     for call in (lambda: env.step({}), env.state, env.render):
@@ -496,12 +345,7 @@ def test_a_step_after_the_end_is_told():
     [
         ({"position": np.zeros((2, 2))}, ValueError, r"finite numbers of shape \(3, 2\), got shape \(2, 2\)"),
         ({"heading": np.zeros((3, 1))}, ValueError, r"finite numbers of shape \(3,\), got shape \(3, 1\)"),
-        (
-            {"heading": [0.0, np.nan, 1.0]},
-            ValueError,
-            r"\['heading'\] must be finite .*, got nan for swimmer_1",
-        ),
-        ({"position": np.full((3, 2), np.inf)}, ValueError, r"\['position'\] must be finite numbers"),
+        ({"heading": [0.0, np.nan, 1.0]}, ValueError, r"\['heading'\] must be .*, got nan for swimmer_1"),
         ({"position": "here"}, TypeError, r"\['position'\] must be finite numbers .*, got 'here'"),
         ({"position": [[1, 2], [3]]}, TypeError, r"\['position'\] must be finite numbers of shape \(3, 2\)"),
         ({"heading": [True, False, True]}, TypeError, r"\['heading'\] must be finite numbers"),
@@ -515,9 +359,7 @@ def test_bad_poses_are_told_and_change_nothing(options, error, message):
     assert snapshot(env) == before
 
 
-@pytest.mark.parametrize(
-    ("seed", "error"), [(-1, ValueError), (1.5, TypeError), ("a", TypeError), (True, TypeError)]
-)
+@pytest.mark.parametrize(("seed", "error"), [(-1, ValueError), (1.5, TypeError)])
 def test_a_bad_seed_is_told_and_changes_nothing(seed, error):
     env = begun()
     before = snapshot(env)
@@ -526,24 +368,12 @@ def test_a_bad_seed_is_told_and_changes_nothing(seed, error):
     assert snapshot(env) == before
 
 
-def test_a_start_outside_the_known_part_of_a_field_is_an_error():
-    env = parallel_env(3, field=Field(inside=lambda position: position[..., 0] < 20.0))
-    env.reset(seed=0)
-    before = snapshot_of_lambdas(env)
-    with pytest.raises(ValueError, match=r"position must lie inside the domain .* got 30, 0 for cell 1"):
-        env.reset(options={"position": [(1, 0), (30, 0), (2, 0)]})
-    assert snapshot_of_lambdas(env) == before
-
-
 class Field:
-    """A field that is not a number above a height, known where `inside` says."""
+    """A field that is not a number above a height."""
 
     gradient_scale = 1.0
 
-    def __init__(self, *, ceiling=np.inf, inside=None):
-        self.ceiling = ceiling
-        if inside is not None:
-            self.inside = inside
+    ceiling = np.inf
 
     def concentration(self, position):
         y = position[..., 1]
@@ -581,36 +411,15 @@ def test_huge_numbers_that_are_finite_are_no_error():
     ("wrong", "error", "message"),
     [
         ({"n_swimmers": 0}, ValueError, "n_swimmers must be a whole number of at least 1, got 0"),
-        ({"n_swimmers": 2.5}, TypeError, r"n_swimmers must be a whole number of at least 1, got 2\.5"),
         ({"max_cycles": 0}, ValueError, "max_cycles must be a whole number of at least 1, got 0"),
-        (
-            {"render_mode": "rgb"},
-            ValueError,
-            "render_mode must be one of human, rgb_array, got 'rgb'; did you mean",
-        ),
-        (
-            {"dtype": "float16"},
-            ValueError,
-            "dtype must be one of float32, float64, got 'float16'; did you mean",
-        ),
+        ({"render_mode": "rgb"}, ValueError, "render_mode must be .*, rgb_array, got 'rgb'; did you mean"),
+        ({"dtype": "float16"}, ValueError, "dtype must be .* float32, float64, got 'float16'; did you mean"),
         ({"field": "lineer"}, ValueError, "field must be one of .* did you mean 'linear'"),
-        ({"flow": "taylorgreen"}, ValueError, "flow must be one of .* did you mean 'taylor_green'"),
-        ({"curvatures": (5.0, 3.0)}, ValueError, r"curvatures must rise and be positive, got \(5\.0, 3\.0\)"),
-        ({"life": -1.0}, ValueError, "life must be a finite number above 0"),
-        ({"sense_flow": True}, ValueError, "sense_flow needs a flow"),
-        (
-            {"concentration_noise": -0.1},
-            ValueError,
-            "concentration_noise must be a finite number of at least 0",
-        ),
     ],
 )
 def test_wrong_parameters_are_told(wrong, error, message):
     with pytest.raises(error, match=message):
         parallel_env(**wrong)
-
-
-# --- one after another, copies ---
 
 
 @pytest.mark.parametrize("make", [sperm_swarm_v0.env, sperm_swarm_v0.raw_env])
@@ -639,15 +448,6 @@ def test_agents_that_act_in_turn_live_the_same_lives(make, name):
             turns.step(None)
         np.testing.assert_array_equal(turns.state(), together.state())
     assert not turns.agents
-
-
-def test_in_turn_a_bad_action_is_refused_at_once():
-    env = sperm_swarm_v0.env(3)
-    env.reset(seed=0)
-    with pytest.raises(AssertionError, match="action is not in action space"):
-        env.step(5)
-    env.step(1)
-    assert env.agent_selection == "swimmer_1"
 
 
 def test_raw_env_becomes_the_parallel_environment_again():

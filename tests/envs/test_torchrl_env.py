@@ -1,7 +1,5 @@
 """The TorchRL face: TorchRL's own checks, and the same lives as the PettingZoo face."""
 
-from __future__ import annotations
-
 import random
 import warnings
 
@@ -9,8 +7,7 @@ import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
-from torchrl.envs import PettingZooWrapper, check_env_specs
-from torchrl.modules import RandomPolicy
+from torchrl.envs import check_env_specs
 
 from swarm import World, parallel_env
 from swarm.envs import torchrl as torchrl_env
@@ -58,51 +55,16 @@ def random_actions(env, seed=0):
         yield generator.integers(env.world.n_actions, size=(env.n_worlds, env.n_swimmers))
 
 
-# --- TorchRL's own checks -----------------------------------------------------------------------------------
-
-
 @pytest.mark.conformance
 @pytest.mark.parametrize("parameters", WORLDS.values(), ids=WORLDS)
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_torchrl_finds_the_specs_kept(parameters, dtype):
-    check_env_specs(environment(dtype=dtype, **parameters), seed=1)
+def test_torchrl_finds_the_specs_kept(parameters):
+    check_env_specs(environment(**parameters), seed=1)
 
 
 @pytest.mark.conformance
-def test_torchrl_finds_the_specs_kept_with_one_world_and_many():
-    for n_worlds in (1, 5):
-        check_env_specs(environment(n_worlds, max_cycles=4), seed=1)
-
-
-@pytest.mark.conformance
-@pytest.mark.parametrize("parameters", [{}, NEAR_EGG, {"varying_speed": True}], ids=["", "egg", "clocks"])
-def test_torchrls_wrapper_rolls_out_the_pettingzoo_face(parameters):
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*PettingZoo.*")  # it was made for PettingZoo 1.24.3
-        env = PettingZooWrapper(
-            parallel_env(n_swimmers=3, life=4.0, **parameters), use_mask=True, done_on_any=False
-        )
-        data = env.rollout(20, break_when_any_done=False)
-        env.close()
-    assert data.batch_size == (20,)
-    assert data["next", "done"].any()
-    assert data["swimmer", "observation"].isfinite().all()
-
-
-@pytest.mark.parametrize("auto_reset", [True, False])
-def test_random_policies_roll_out_over_several_lives(auto_reset):
-    env = environment(max_cycles=None)
-    policy = RandomPolicy(env.full_action_spec)
-    if auto_reset:
-        data = env.rollout(40, policy, break_when_any_done=False)
-        assert data["next", "done"].sum() >= 2 * env.n_worlds
-    else:
-        data = env.rollout(40, policy)
-        assert data.batch_size[-1] == env.world.max_decisions
-    assert data[GROUP, "observation"].isfinite().all()
-
-
-# --- the same lives as the PettingZoo face ------------------------------------------------------------------
+@pytest.mark.parametrize("n_worlds", [1, 5])
+def test_torchrl_finds_the_specs_kept_with_one_world_and_many(n_worlds):
+    check_env_specs(environment(n_worlds, max_cycles=4, dtype="float64"), seed=1)
 
 
 def compare_faces(n_worlds, n_swimmers, episodes, *, max_cycles=None, **parameters):
@@ -140,27 +102,19 @@ def compare_faces(n_worlds, n_swimmers, episodes, *, max_cycles=None, **paramete
     return ended
 
 
-@pytest.mark.parametrize("parameters", WORLDS.values(), ids=WORLDS)
+FACES = WORLDS | {
+    "arrivals at the egg": NEAR_EGG | {"life": 12.0},
+    "more than a block of noise": NOISE | {"life": 0.38 * (NOISE_BLOCK + 10)},
+    "one cycle": {"max_cycles": 1},
+    "four cycles": {"life": 20.0, "max_cycles": 4},
+}
+
+
+@pytest.mark.parametrize("parameters", FACES.values(), ids=FACES)
 def test_both_faces_live_the_same_lives(parameters):
-    ended = compare_faces(2, 3, 2, life=6.0, **parameters)
+    ended = compare_faces(2, 6, 2, **({"life": 6.0} | parameters))
     assert "truncated" in ended
-
-
-def test_both_faces_see_the_same_arrivals_at_the_egg():
-    assert compare_faces(2, 6, 2, life=12.0, **NEAR_EGG) == {"terminated", "truncated"}
-
-
-def test_both_faces_draw_the_same_noise_over_more_than_a_block():
-    parameters = NOISE | {"life": 0.38 * (NOISE_BLOCK + 10)}
-    assert compare_faces(1, 2, 1, **parameters) == {"truncated"}
-
-
-@pytest.mark.parametrize("max_cycles", [1, 4])
-def test_both_faces_stop_after_max_cycles(max_cycles):
-    assert compare_faces(2, 3, 2, life=20.0, max_cycles=max_cycles) == {"truncated"}
-
-
-# --- lives and masks ----------------------------------------------------------------------------------------
+    assert "terminated" in ended or parameters.get("life") != 12.0
 
 
 def test_a_cell_that_is_done_waits_masked_until_its_world_is_done():
@@ -224,29 +178,6 @@ def test_a_world_that_restarts_alone_lives_the_seeds_next_episode(parameters):
     assert torch.equal(data[GROUP, "observation"][0], second[GROUP, "observation"][0])
 
 
-def test_a_life_does_not_depend_on_how_many_worlds_and_cells_there_are():
-    small, large = environment(1, 3, **NOISE), environment(4, 3, **NOISE)
-    few, many = small.reset(), large.reset()
-    for action in (0, 1, 1, 0):
-        few = small.step(with_action(small, few, np.full((1, 3), action)))["next"]
-        many = large.step(with_action(large, many, np.full((4, 3), action)))["next"]
-        for name in ("observation", "reward", "gain"):
-            assert torch.allclose(few[GROUP, name][0], many[GROUP, name][0], atol=1e-5)
-
-
-def test_cells_with_different_clocks_end_at_different_steps():
-    env = environment(1, 2, life=8.0, varying_speed=True)
-    data, ends = env.reset(), {}
-    for step in range(env.world.max_decisions):
-        data = env.step(with_action(env, data, [[0, 1]]))["next"]
-        for cell in np.flatnonzero(data[GROUP, "truncated"][0, :, 0]):
-            ends.setdefault(int(cell), step + 1)
-    assert ends == {0: 24, 1: 20}  # 8 / 0.34 and 8 / 0.42, rounded up
-
-
-# --- seeds --------------------------------------------------------------------------------------------------
-
-
 def test_the_same_seed_gives_the_same_rollout_and_another_one_another():
     env = environment(**NOISE)
     rollouts = []
@@ -288,9 +219,6 @@ def test_the_global_generators_stay_as_they_are():
     assert torch.equal(before[2], after[2])
 
 
-# --- NumPy and torch ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("parameters", WORLDS.values(), ids=WORLDS)
 def test_few_cells_live_the_lives_of_many(monkeypatch, parameters):
     few = environment(2, 3, dtype="float64", **parameters)
@@ -310,13 +238,6 @@ def test_few_cells_live_the_lives_of_many(monkeypatch, parameters):
     many.load_state_dict_of_env(few.state_dict_of_env())
     action = torch.zeros(2, 3, dtype=torch.int64)
     torch.testing.assert_close(tuple(few.advance(action)), tuple(many.advance(action)))
-
-
-def test_only_few_cells_on_the_processor_decide_in_numpy(monkeypatch):
-    monkeypatch.setattr(torchrl_env, "NUMPY_CELLS", 6)
-    assert environment(2, 3)._in_numpy
-    assert not environment(2, 4)._in_numpy
-    assert not environment(2, 3, compile_step=True)._in_numpy
 
 
 def test_what_was_handed_out_stays_as_it_was():
@@ -352,26 +273,12 @@ def test_a_field_may_return_what_cannot_be_written_to():
     assert not env.gain().any()
 
 
-# --- arguments ----------------------------------------------------------------------------------------------
-
-
 def test_positions_are_float32_unless_float64_is_asked_for():
     for dtype, expected in ((None, torch.float32), ("float64", torch.float64)):
         env = environment(**({} if dtype is None else {"dtype": dtype}))
         data = env.reset()
         assert env.state.position.dtype == expected
         assert data[GROUP, "observation"].dtype == torch.float32
-
-
-def test_float32_lives_stay_close_to_float64_ones():
-    single, double = environment(life=40.0), environment(life=40.0, dtype="float64")
-    one, two = single.reset(), double.reset()
-    for action in random_actions(single):
-        one = single.step(with_action(single, one, action))["next"]
-        two = double.step(with_action(double, two, action))["next"]
-        if one["done"].all():
-            break
-    assert torch.allclose(one[GROUP, "gain"], two[GROUP, "gain"], atol=1e-3)
 
 
 def test_a_world_may_be_given_whole():
@@ -396,13 +303,9 @@ def test_bad_arguments_are_named():
         SwarmEnv(1, n_record=4)
     with pytest.raises(ValueError, match="n_worlds must be a whole number of at least 1, got 0"):
         SwarmEnv(0)
-    with pytest.raises(ValueError, match="dtype must be one of float32, float64, got 'float16'"):
-        SwarmEnv(1, dtype="float16")
     with pytest.raises(ValueError, match="max_cycles"):
         SwarmEnv(1, max_cycles=0)
-    with pytest.raises(
-        ValueError, match="n_worlds must be a multiple of the number of seeds, got 3 worlds and 2 seeds"
-    ):
+    with pytest.raises(ValueError, match=r"n_worlds must be a multiple .*, got 3 worlds and 2 seeds"):
         SwarmEnv(3, seeds=[1, 2])
     with pytest.raises(ValueError, match="seed must not be negative"):
         SwarmEnv(1, seed=-1)
@@ -416,7 +319,6 @@ def test_bad_arguments_are_named():
         (torch.full((2, 3), 2), ValueError, "0 to 1 .* got 2"),
         (torch.full((2, 3), -1), ValueError, "got -1"),
         (torch.zeros(2, 3), TypeError, "torch.float32"),
-        (torch.full((2, 3), float("nan")), TypeError, "torch.float32"),
     ],
 )
 def test_bad_actions_are_refused_and_change_nothing(action, error, said):

@@ -1,7 +1,5 @@
 """Figures: what is drawn is what was swum, the same results give the same bytes, nothing global changes."""
 
-from __future__ import annotations
-
 import html
 import io
 import subprocess
@@ -12,7 +10,7 @@ import numpy as np
 import pytest
 
 from swarm import figures
-from swarm.figures.style import LOOKS, apart, look
+from swarm.figures.style import LOOKS, look
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.collocation import swim
 from swarm.physics.world import World
@@ -96,17 +94,8 @@ def test_another_kind_of_file_is_refused(linear, tmp_path):
 
 
 def test_pyplot_is_never_loaded():
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "import sys, swarm.figures.watch; sys.exit('matplotlib.pyplot' in sys.modules)",
-        ]
-    )
-    assert done.returncode == 0
-
-
-# --- what is drawn -----------------------------------------------------------------------------------------
+    code = "import sys, swarm.figures.watch; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
 @pytest.mark.parametrize("name", ["linear", "varying", "flow"])
@@ -197,13 +186,6 @@ def test_a_noise_sweep_shows_every_level(linear, tmp_path):
 def test_an_unknown_policy_is_named(linear):
     with pytest.raises(ValueError, match="policies must be among dqn, random, swinging, greedy, got 'blind'"):
         figures.gains(linear, policies=("blind",))
-
-
-def test_labels_are_moved_apart_as_little_as_possible():
-    assert apart([0.0, 5.0], 1.0) == pytest.approx([0.0, 5.0])
-    assert apart([1.0, 1.0], 1.0) == pytest.approx([0.5, 1.5])
-    assert apart([0.0, 0.1, 10.0], 1.0) == pytest.approx([-0.45, 0.55, 10.0])
-    assert apart([1.0, 1.0, 1.0, 1.2], 1.0) == pytest.approx([-0.45, 0.55, 1.55, 2.55])
 
 
 def test_looks_differ_without_colours():

@@ -1,14 +1,11 @@
 """Folders of results: what they hold, and that they are there whole or not at all."""
 
-from __future__ import annotations
-
 import json
 
 import pandas as pd
 import pytest
 import xarray as xr
 
-from swarm import figures
 from swarm.figures.evaluation import save_evaluation, save_noise_sweep
 from swarm.physics.world import World
 from swarm.policies.network import save_policy
@@ -63,11 +60,6 @@ def test_the_folder_of_a_sweep_holds_table_results_and_figure_with_their_origin(
     assert rows[["cells", "life", "seed"]].drop_duplicates().values.tolist() == [[3, 6, 2]]
 
 
-def test_a_single_cell_has_no_intervals(tmp_path):
-    save_noise_sweep(swept(cells=1), tmp_path / "out")
-    assert pd.read_csv(tmp_path / "out" / "noise.csv")["gain_low"].isna().all()
-
-
 @pytest.mark.parametrize(("find", "save"), [(evaluated, save_evaluation), (swept, save_noise_sweep)])
 def test_doing_it_again_gives_the_same_bytes_and_overwrites_nothing(tmp_path, find, save):
     for name in ("one", "two"):
@@ -77,14 +69,3 @@ def test_doing_it_again_gives_the_same_bytes_and_overwrites_nothing(tmp_path, fi
     with pytest.raises(FileExistsError, match=str(tmp_path / "one")):
         save(find(), tmp_path / "one")
     assert before == {file.name: file.read_bytes() for file in (tmp_path / "one").iterdir()}
-
-
-@pytest.mark.parametrize(("find", "save"), [(evaluated, save_evaluation), (swept, save_noise_sweep)])
-def test_a_failure_on_the_way_leaves_nothing(tmp_path, monkeypatch, find, save):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(figures, "save", full)
-    with pytest.raises(OSError, match="No space left"):
-        save(find(), tmp_path / "out")
-    assert list(tmp_path.iterdir()) == []

@@ -1,11 +1,8 @@
 """The page of a population: self-contained, safe to open, and it plays in a browser."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
 
@@ -15,17 +12,9 @@ from swarm.policies.strategies import Greedy, Swinging
 from swarm.population.contest import population_test
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--window-size=900,700",
-]
+FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
+FLAGS += ["--disable-background-networking", "--disable-component-update", "--window-size=900,700"]
+FLAGS += ["--virtual-time-budget=6000", "--dump-dom"]
 
 
 @pytest.fixture(scope="module")
@@ -34,20 +23,10 @@ def results():
     return population_test(World(), contest, cells=5, life=12.0, seed=1, limit=False)
 
 
-def opened(path: Path, fragment: str, profile: Path, *flags: str) -> str:
+def opened(path, fragment, profile):
     """The document after the browser has run it for six seconds of its own time."""
-    command = [
-        CHROMIUM,
-        *FLAGS,
-        f"--user-data-dir={profile}",
-        "--virtual-time-budget=6000",
-        "--dump-dom",
-        *flags,
-    ]
-    done = subprocess.run(
-        [*command, f"{path.as_uri()}{fragment}"], capture_output=True, text=True, timeout=120
-    )
-    return done.stdout
+    command = [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", f"{path.as_uri()}{fragment}"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120).stdout
 
 
 def test_a_page_loads_nothing_from_elsewhere(results):

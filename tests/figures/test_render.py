@@ -1,8 +1,5 @@
 """Pictures show what is there, without a display."""
 
-from __future__ import annotations
-
-import copy
 import importlib.util
 from time import perf_counter
 
@@ -12,8 +9,7 @@ import pytest
 
 import swarm
 from swarm.envs.gymnasium import SpermSwarmVector
-from swarm.figures.scene import PLUM, SEA, SIZE, TRAIL, Camera, Glance, Scene, Segment, nice_step
-from swarm.figures.viewer import Viewer
+from swarm.figures.scene import PLUM, SEA, SIZE, TRAIL, Camera, Glance, Scene, Segment
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.collocation import swim
 from tests.figures import HOSTILE
@@ -46,9 +42,6 @@ def pixel(env, place):
     return env._viewer.camera.pixels(np.array(place)).round().astype(int)
 
 
-# --- the environments ---
-
-
 @pytest.mark.parametrize("name", WORLDS)
 def test_a_picture_depends_on_nothing_but_what_happened(name):
     first, second = begun(**WORLDS[name]), begun(**WORLDS[name])
@@ -61,16 +54,6 @@ def test_a_picture_depends_on_nothing_but_what_happened(name):
         np.testing.assert_array_equal(second.render(), image)
 
 
-def test_pictures_differ_from_step_to_step_and_after_a_reset():
-    env = begun()
-    images = [env.render()]
-    env.step(dict.fromkeys(env.agents, 0))
-    images.append(env.render())
-    env.reset()
-    images.append(env.render())
-    assert len({image.tobytes() for image in images}) == 3
-
-
 def test_rendering_changes_nothing():
     before, env = dict(matplotlib.rcParams), begun()
     state = env.state()
@@ -79,21 +62,11 @@ def test_rendering_changes_nothing():
     assert dict(matplotlib.rcParams) == before
 
 
-def test_a_copy_without_the_past_can_be_rendered():
-    assert copy.deepcopy(begun()).render().shape == (720, 960, 3)
-
-
 def test_without_a_render_mode_a_warning_says_how_to_get_a_picture():
     env = swarm.parallel_env(2)
     env.reset(seed=0)
     with pytest.warns(UserWarning, match='make the environment with render_mode="rgb_array" or "human"'):
         assert env.render() is None
-
-
-def test_the_finished_are_shown_too():
-    env = begun(steps=2, life=0.5)
-    assert env.agents == []
-    assert env.render().shape == (720, 960, 3)
 
 
 def test_the_gymnasium_face_renders_all_its_cells_in_one_picture():
@@ -140,16 +113,6 @@ def test_a_missing_pygame_is_told_with_the_remedy(monkeypatch):
     env = swarm.parallel_env(2, render_mode="human")
     with pytest.raises(ModuleNotFoundError, match=r'needs pygame: pip install "chemoswarm\[render\]"'):
         env.reset(seed=0)
-
-
-# --- what is where ---
-
-
-def test_up_is_up_and_right_is_right():
-    camera = Camera(2.0, 3.0, 9.0)
-    right, up = camera.pixels(np.array([3.0 + 3.0j, 2.0 + 4.0j])) - camera.pixels(np.array(2 + 3j))
-    np.testing.assert_allclose(right, (80, 0))
-    np.testing.assert_allclose(up, (0, -80))
 
 
 @pytest.mark.parametrize("place", [0j, 2 + 1j, -3 - 2j])
@@ -257,11 +220,6 @@ def test_pictures_between_two_states_lead_from_one_to_the_other(name):
     np.testing.assert_array_equal(last, env.render())
 
 
-def test_a_viewer_draws_nothing_before_it_has_seen_something():
-    with pytest.raises(RuntimeError, match="follow must be given a state first"):
-        Viewer(swarm.World()).picture()
-
-
 def test_many_swimmers_are_drawn_in_reasonable_time():
     env = begun(steps=5, n_swimmers=1000)
     times = []
@@ -270,10 +228,3 @@ def test_many_swimmers_are_drawn_in_reasonable_time():
         env.render()
         times.append(perf_counter() - start)
     assert min(times) < 3.0
-
-
-@pytest.mark.parametrize(
-    ("span", "step"), [(1.0, 1.0), (1.9, 1.0), (2.0, 2.0), (4.9, 2.0), (0.051, 0.05), (730, 500)]
-)
-def test_steps_are_round_numbers(span, step):
-    assert nice_step(span) == pytest.approx(step)

@@ -1,7 +1,5 @@
 """Watching a policy: films and pages are written whole or not at all."""
 
-from __future__ import annotations
-
 import subprocess
 from importlib.util import find_spec
 
@@ -12,9 +10,9 @@ from imageio_ffmpeg import get_ffmpeg_exe
 
 from swarm.figures.film import COLOURS, FORMS
 from swarm.figures.page import page
-from swarm.figures.watch import check_target, save_page_of, states, watch
+from swarm.figures.watch import check_target, save_page_of, watch
 from swarm.physics.world import World
-from swarm.policies.strategies import Random, Swinging
+from swarm.policies.strategies import Swinging
 from swarm.population.contest import population_test
 from swarm.population.results import save_population
 
@@ -80,12 +78,6 @@ def test_a_page_shows_the_policy(tmp_path):
     assert '"name": "swinging"' in (tmp_path / "swim.html").read_text(encoding="utf-8")
 
 
-def test_a_page_in_a_flow_does_not_wait_for_the_limit(tmp_path, monkeypatch):
-    monkeypatch.setattr("swarm.optimal.physical_limit.limit", lambda *_: pytest.fail("computed"))
-    watch("greedy", World(life=2.0, flow="taylor_green"), cells=3, out=tmp_path / "swim.html")
-    assert '"limit": null' in (tmp_path / "swim.html").read_text(encoding="utf-8")
-
-
 def test_a_stored_population_becomes_the_same_page(tmp_path):
     results = population_test(World(), {"swinging": Swinging()}, cells=3, life=4.0, limit=False)
     save_population(results, tmp_path / "population.nc")
@@ -98,15 +90,6 @@ def test_a_stored_population_makes_no_film_and_no_window(tmp_path):
     for out in (None, tmp_path / "swim.gif"):
         with pytest.raises(ValueError, match=r"watched on a page: out must end in .html, got"):
             save_page_of(tmp_path / "population.nc", out)
-
-
-def test_a_watched_life_is_the_tested_one_to_its_end():
-    world = World(life=30.0, concentration_noise=0.1, curvature_noise=0.1)
-    *_, last = states(world, Random(), 5, 3)
-    gain = world.field.concentration(last.position) - last.start_concentration
-    tested = population_test(world, {"random": Random()}, cells=5, life=30.0, seed=3, record=False)
-    np.testing.assert_array_equal(gain, tested["gain"].sel(policy="random"))
-    assert last.finished.all()
 
 
 def test_other_endings_are_refused(tmp_path):

@@ -1,7 +1,5 @@
 """The physical limit: held against enumeration, attained by play, exceeded by none."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import deque
@@ -11,7 +9,7 @@ import pytest
 
 from swarm.optimal import physical_limit as optimal
 from swarm.optimal import store
-from swarm.optimal.physical_limit import Optimal, bound, extrapolated, limit, limit_details
+from swarm.optimal.physical_limit import Optimal, bound, limit, limit_details
 from swarm.optimal.problem import problem_of
 from swarm.optimal.still import solve
 from swarm.optimal.tables import VortexLimit, VortexTables, grid_of
@@ -90,27 +88,18 @@ def by_orbits(world, heading):
     return later[:, 0]
 
 
-# --- still water -------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({"n_records": 2}, 28.67),
-        ({"n_records": 4}, 30.27),
-        ({"n_records": 8}, 32.09),
-        ({"n_records": 4, "varying_speed": True}, 30.18),
-    ],
-    ids=str,
+    ("n_records", "varying_speed", "expected"),
+    [(2, False, 28.67), (4, False, 30.27), (8, False, 32.09), (4, True, 30.18)],
 )
-def test_the_limit_agrees_with_independent_estimates(options, expected):
-    world = World(life=200.0, **options)
+def test_the_limit_agrees_with_independent_estimates(n_records, varying_speed, expected):
+    world = World(life=200.0, n_records=n_records, varying_speed=varying_speed)
     details = limit_details(world, even_starts(world))
     assert details.value == pytest.approx(expected, rel=1e-3)
     assert details.error < 1e-4 * expected
 
 
-@pytest.mark.parametrize("life", [100.0, 31.013, 0.3])
+@pytest.mark.parametrize("life", [31.013, 0.3])
 @pytest.mark.parametrize("options", [one for one in STILL if "varying_speed" not in one], ids=str)
 def test_the_bound_of_every_start_agrees_with_the_exact_one_on_its_orbit(options, life):
     world = World(life=life, **options)
@@ -146,20 +135,6 @@ def test_no_policy_gains_more_than_the_bound(options, policy):
     assert (gains(world, policy, starts) < bound(world, starts) + 1e-3).all()
 
 
-def test_the_limit_rises_with_life_and_with_the_number_of_records():
-    starts = even_starts(World())
-    lives = [limit(World(life=life), starts) for life in (5.0, 10.0, 20.0, 40.0, 80.0, 80.02, 200.0)]
-    records = [limit(World(n_records=n, life=200.0), starts) for n in (2, 4, 8)]
-    assert np.all(np.diff(lives) > 0)
-    assert np.all(np.diff(records) > 0)
-
-
-def test_more_curvatures_to_choose_from_never_gain_less():
-    starts = even_starts(World())
-    two, three = (bound(World(life=60.0, curvatures=k), starts) for k in [(3.0, 5.0), (3.0, 4.0, 5.0)])
-    assert np.all(three > two - 1e-3)
-
-
 def test_the_limit_is_a_gain_in_concentration_averaged_over_the_very_starts():
     world = World(life=3.0)
     starts = even_starts(world)
@@ -189,13 +164,6 @@ def test_more_headings_bring_the_bound_nearer_to_the_exact_one(options):
     assert np.all(orders > 1), orders
 
 
-def test_extrapolation_sums_a_geometric_approach_and_leaves_chance_alone():
-    value, error = extrapolated([4.0, 2.0, 1.0])
-    assert (value, error) == pytest.approx((0.0, 1.0))
-    assert extrapolated([1.0, 1.02, 1.01]) == pytest.approx((1.01, 0.02))
-    assert extrapolated([1.0, 1.0, 1.0]) == pytest.approx((1.0, 0.0))
-
-
 class Tilted(LinearField):
     """A linear field by inheritance only."""
 
@@ -208,7 +176,6 @@ class Tilted(LinearField):
         ({"field": Tilted()}, "a linear field"),
         ({"flow": UniformFlow()}, "still water or the Taylor–Green flow"),
         ({"concentration_noise": 0.1}, "no perturbations"),
-        ({"curvature_noise": 0.1}, "no perturbations"),
         ({"rotational_diffusion": 0.1}, "no perturbations"),
         ({"interval_rule": "exact", "varying_speed": True}, "share a tick"),
         ({"life": 1e6, "time_step": 1e-3, "varying_speed": True}, "a life of at most"),
@@ -225,9 +192,6 @@ def test_where_no_limit_is_known_it_is_none_and_the_policy_says_why(options, why
         Optimal(world)
 
 
-# --- the policy as a policy --------------------------------------------------------------------------------
-
-
 def test_actions_are_the_same_on_any_array_library_and_with_any_leading_axes(xp):
     world = World(life=5.0, curvatures=(3.0, 4.0, 5.0))
     starts = draw_starts(world, 12, 0)
@@ -240,22 +204,6 @@ def test_actions_are_the_same_on_any_array_library_and_with_any_leading_axes(xp)
         assert to_numpy(again).reshape(-1).tolist() == action.tolist()
         state, _ = world.step(state, action)
         folded, _ = world.step(folded, again)
-
-
-def test_a_policy_asked_about_a_world_of_another_life_looks_ahead_to_its_end():
-    world, longer = World(life=3.0), World(life=4.0)
-    policy, starts = Optimal(world), draw_starts(longer, 10, 0)
-    assert gains(longer, policy, starts) == pytest.approx(bound(longer, starts), abs=1e-3)
-
-
-# --- the Taylor–Green flow ---------------------------------------------------------------------------------
-
-
-def test_in_a_vanishing_flow_the_limit_is_that_of_still_water(coarse):
-    still = World(life=20.0)
-    flowing = World(life=20.0, flow=TaylorGreen(speed_scale=1e-6))
-    starts = draw_starts(flowing, 200, 0)
-    assert limit(flowing, starts) == pytest.approx(limit(still, starts), rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -293,9 +241,8 @@ def test_the_bound_repeats_as_the_flow_does(coarse):
     half = 0.5 * world.flow.period
     here = bound(world, starts)
     for shift in ((half, half), (-half, half), (2 * half, 0.0), (0.0, -4 * half)):
-        assert bound(world, starts._replace(position=starts.position + np.array(shift))) == pytest.approx(
-            here, abs=1e-6
-        )
+        there = starts._replace(position=starts.position + np.array(shift))
+        assert bound(world, there) == pytest.approx(here, abs=1e-6)
     aside = bound(world, starts._replace(position=starts.position + np.array((half, 0.0))))
     assert abs(aside - here).max() > 0.1
 
@@ -325,9 +272,6 @@ def test_with_too_many_times_to_keep_all_tables_the_policy_is_the_same(monkeypat
     assert VortexTables.compute(problem, ((16, 24),)).ahead(pose, left) == pytest.approx(whole, abs=0.05)
 
 
-# --- tables on the disk ------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def stored(tmp_path):
     """A problem, its grids and the file that its tables were kept in."""
@@ -349,13 +293,10 @@ def test_tables_are_computed_once(stored, monkeypatch, capsys):
 
 DAMAGE = {
     "empty": lambda data: b"",
-    "no header": lambda data: data[:5],
     "cut": lambda data: data[:-1],
-    "longer": lambda data: data + b"\0",
     "huge header": lambda data: b"\xff" * 8 + data[8:],
     "a flipped bit": lambda data: data[:-100] + bytes([data[-100] ^ 1]) + data[-99:],
     "another life": lambda data: data.replace(b'\\"life\\": 1.0', b'\\"life\\": 2.0'),
-    "another": lambda data: data.replace(b"chemoswarm", b"chemoswirl"),
     "pickle": lambda data: b"\x80\x04" + data,
 }
 

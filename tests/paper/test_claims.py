@@ -1,8 +1,5 @@
 """The paper's claims: each verdict on made-up results that make it true, false and reversed."""
 
-from __future__ import annotations
-
-import json
 import math
 
 import numpy as np
@@ -31,7 +28,6 @@ from trainers.paper.measurements import (
     Measured,
     TrainingGains,
     centreline,
-    fit_circle,
     measure,
     pattern_broken,
     predicted_circle,
@@ -85,9 +81,6 @@ def evidence(samples, circles=None, training=None):
 def claim(identity, samples, **others):
     """The claim with this name, judged on samples by CASE/KIND."""
     return judged(STATEMENTS[identity], evidence(samples, **others), "paper")
-
-
-# --- verdicts follow from intervals -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -184,9 +177,6 @@ def test_noise_of_seeds_around_0_is_no_angle(identity, scale, n_seeds):
     assert passed <= 16  # of 200; 10 are expected of 95% intervals around exactly 0
 
 
-# --- the list of claims -------------------------------------------------------------------------------------
-
-
 def everything():
     """Results in which every claim of the paper holds."""
     greedy = {"linear_n2": (18, 30), "linear_n4": (19, 4), "linear_n8": (3, 15), "varying_speed": (18, 8)}
@@ -215,14 +205,6 @@ def test_where_everything_is_as_the_paper_says_every_claim_is_reproduced():
     assert len({claim.id for claim in found}) == len(found) == 57
 
 
-def test_claims_are_plain_json():
-    found = json.loads(
-        json.dumps([claim._asdict() for claim in all_claims(everything(), ["paper"])], allow_nan=False)
-    )
-    assert set(found[0]) >= {"id", "claim", "recipe", "measurement", "interval", "seeds", "verdict"}
-    assert all(len(claim["interval"]) == 2 for claim in found)
-
-
 def test_claims_without_measurements_are_left_out():
     found = all_claims(evidence({"radial/dqn": lives()}), ["paper", "swarm"])
     assert [claim.id for claim in found] == ["radial_arrives", "radial_spirals"]
@@ -239,9 +221,6 @@ def test_a_claim_is_judged_under_each_recipe_that_trains_for_it_and_else_once():
     assert found[place + 1] == ("dqn_beats_greedy_linear_n4", "paper")
     assert [recipe for name, recipe in found if name == "angle_greedy_linear_n2"] == [None]
     assert len(set(found)) == len(found)
-
-
-# --- estimates ----------------------------------------------------------------------------------------------
 
 
 def test_the_slopes_of_what_is_not_linear_are_exact():
@@ -280,30 +259,19 @@ def test_a_measure_is_the_mean_of_its_values_and_to_first_order_their_sum(name):
 
 @pytest.mark.parametrize(("agree", "interval"), [(True, (0.9404, 1.0)), (False, (0.0, 0.0596))])
 def test_what_all_cells_do_is_as_sure_as_their_number_allows(agree, interval):
+    assert estimate(np.array([[4.0]])) == (4.0, None, 4.0, 4.0)  # of one number nothing is known
     found = estimate(np.full((5, 60), agree))
     assert found.interval == pytest.approx(interval, abs=1e-4)  # Clopper and Pearson, 60 of 60
-
-
-def test_one_number_has_no_interval():
-    assert estimate(np.array([[4.0]])) == (4.0, None, 4.0, 4.0)
-
-
-# --- what is read off lives ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("turns", [-1.5, -0.1, 0.0, 0.25, 2.0])
 def test_a_line_winds_from_its_start_to_the_egg(turns):
     radius = np.geomspace(12.0, 0.5, 400)
-    angle = 2.0 + 2 * np.pi * turns * np.log(radius / 12.0) / np.log(
-        1.0 / 12.0
-    )  # so much at the egg's radius
+    angle = 2.0 + 2 * np.pi * turns * np.log(radius / 12.0) / np.log(1.0 / 12.0)  # at the egg's radius
     places = np.stack([3.0 + radius * np.cos(angle), 1.0 + radius * np.sin(angle)], axis=-1)
+    assert wound(np.array([[[0.1, 0.0], [5.0, 0.0]]]), ((0.0, 0.0), 1.0)) == [0.0]  # begins within the egg
     lived = np.concatenate([places, np.full((9, 2), np.nan)])[None]
     assert wound(lived, ((3.0, 1.0), 1.0)) == pytest.approx([2 * np.pi * turns], rel=0.01, abs=1e-9)
-
-
-def test_a_line_that_begins_within_the_egg_winds_by_nothing():
-    assert wound(np.array([[[0.1, 0.0], [5.0, 0.0]]]), ((0.0, 0.0), 1.0)) == [0.0]
 
 
 def test_a_centreline_has_a_way_and_a_wave():
@@ -330,13 +298,6 @@ def test_swinging_keeps_its_pattern_and_chance_breaks_it_half_the_time(n_records
     chosen[0, 10:] = np.nan
     assert 0 < pattern_broken(chosen, n_records)[0] <= 1
     assert pattern_broken(np.full((1, 30), 3.0), n_records) == [1.0]
-
-
-def test_a_circle_is_fitted_to_points_on_it():
-    angle = np.linspace(0.3, 2.0, 30)
-    middle, radius = fit_circle(np.stack([4 + 2.5 * np.cos(angle), -7 + 2.5 * np.sin(angle)], axis=-1))
-    assert middle == pytest.approx([4, -7])
-    assert radius == pytest.approx(2.5)
 
 
 @pytest.mark.parametrize("options", [{"n_records": 2}, {"n_records": 5}, {"varying_speed": True}])

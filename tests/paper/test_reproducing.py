@@ -1,7 +1,5 @@
 """A reproduction in miniature, through everything that a whole one goes through."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json
@@ -14,12 +12,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
-from typer.testing import CliRunner
 
 from swarm import figures
 from swarm.optimal import physical_limit as optimal
 from swarm.policies import network
-from trainers.cli import app
 from trainers.paper import stacks
 from trainers.paper.plan import EXPERIMENTS, Plan, trainings
 from trainers.paper.reproduction import FILES, ReproductionError, reproduce
@@ -27,24 +23,11 @@ from trainers.paper.zoo import ZooError, ship
 from trainers.training import validation as validating
 from trainers.training.run_folder import RunFolder
 
-WORDS = (
-    "world.life=8.0",
-    "learning.epochs=4",
-    "learning.batch_size=16",
-    "validation.every=2",
-    "validation.life=8.0",
-)
-WORDS += ("validation.cells=3", "evaluation.life=8.0", "checkpoint_every=2", "compile=never")
-MINIATURE = Plan(
-    n_seeds=2,
-    cells=6,
-    radial_cells=3,
-    swinging_cells=2,
-    figure_cells=3,
-    radial_figure_cells=2,
-    words=WORDS,
-    workers=0,
-)
+WORDS = ("world.life=8.0", "learning.epochs=4", "learning.batch_size=16", "validation.every=2")
+WORDS += ("validation.life=8.0", "validation.cells=3", "evaluation.life=8.0", "checkpoint_every=2")
+WORDS += ("compile=never",)
+COUNTS = {"cells": 6, "radial_cells": 3, "swinging_cells": 2, "figure_cells": 3, "radial_figure_cells": 2}
+MINIATURE = Plan(n_seeds=2, words=WORDS, workers=0, **COUNTS)
 
 
 @pytest.fixture(scope="module")
@@ -93,9 +76,6 @@ def shipped(done, tmp_path, monkeypatch):
 def rows(path):
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
-
-
-# --- what a reproduction leaves behind ----------------------------------------------------------------------
 
 
 def test_every_file_is_there_and_nothing_else(done):
@@ -171,8 +151,6 @@ def test_the_authors_numbers_stand_beside_the_paper_recipe_only_with_their_test(
     assert all(row["recipe"] == "paper" and row["std_of_authors"] for row in table if row["authors"])
     assert "gain ± std of 400 cells of the population seed 100" in (done.out / "report.md").read_text()
 
-
-# --- going on, and starting again ---------------------------------------------------------------------------
 
 SMALL = dataclasses.replace(MINIATURE, experiments=("linear_n2",), recipes=("paper",))
 
@@ -301,9 +279,6 @@ def test_a_training_that_fails_is_named_and_leaves_no_report(tmp_path):
     assert not (tmp_path / "report.md").exists()
 
 
-# --- quick --------------------------------------------------------------------------------------------------
-
-
 def test_quick_tests_the_shipped_policies_and_trains_nothing(shipped, tmp_path, sparing):
     out = tmp_path / "quick"
     found = reproduce(dataclasses.replace(MINIATURE, quick=True), out)
@@ -330,9 +305,6 @@ def test_quick_without_shipped_policies_says_so(monkeypatch, tmp_path):
     monkeypatch.setattr(network, "zoo_names", list)
     with pytest.raises(ReproductionError, match="no policies are shipped with this copy"):
         reproduce(Plan(quick=True), tmp_path / "quick")
-
-
-# --- the zoo ------------------------------------------------------------------------------------------------
 
 
 def test_every_experiment_has_a_shipped_policy_with_a_card(done, shipped):
@@ -380,25 +352,8 @@ def test_nothing_is_shipped_from_a_folder_in_which_nothing_was_trained(tmp_path)
         ship(tmp_path, tmp_path / "zoo")
 
 
-# --- the plan and the command -------------------------------------------------------------------------------
-
-
 def test_a_whole_plan_trains_all_seeds_of_every_experiment_under_both_recipes(tmp_path):
     planned = trainings(Plan(), tmp_path)
     assert len(planned) == 14
     assert len({each.folder for each in planned}) == 12
     assert all(each.settings.seeds == list(range(Plan().n_seeds)) for each in planned)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--seeds", "0"], "--seeds must be a whole number of at least 1, got 0"),
-        (["--jobs", "0"], "--jobs must be a whole number of at least 1, got 0"),
-    ],
-)
-def test_the_command_checks_its_options_before_anything_is_made(words, message, tmp_path):
-    result = CliRunner().invoke(app, ["reproduce", "--out", str(tmp_path / "out"), *words])
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert not (tmp_path / "out").exists()

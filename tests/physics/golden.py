@@ -4,8 +4,6 @@
 `… write` commits the lives of the tree in use. Only public names are used, so that any tree can be computed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

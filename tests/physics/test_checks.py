@@ -1,7 +1,5 @@
 """Errors of parameters: each names the thing, the rule and the value."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -20,24 +18,8 @@ from swarm._support.checks import (
     check_number,
     check_pair,
 )
-from swarm.physics.fields import (
-    FIELDS,
-    DiffusingSource,
-    FunctionField,
-    GaussianPlume,
-    LinearField,
-    RadialField,
-)
-from swarm.physics.flows import (
-    FLOWS,
-    FunctionFlow,
-    PoiseuilleFlow,
-    ShearFlow,
-    StillWater,
-    TaylorGreen,
-    UniformFlow,
-    Vortex,
-)
+from swarm.physics.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
+from swarm.physics.flows import FunctionFlow, PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, Vortex
 from swarm.physics.world import World
 from tests.reference import array
 
@@ -65,18 +47,13 @@ ANYTHING = st.one_of(
 )
 
 
-@given(st.floats(allow_nan=False, allow_infinity=False), st.booleans())
-def test_a_finite_number_is_returned_as_a_float(value, as_numpy):
-    checked = check_number("thing", np.float64(value) if as_numpy else value)
-    assert type(checked) is float
-    assert checked == value
-
-
 @given(ANYTHING)
 def test_whatever_is_no_finite_number_is_an_error_that_shows_it(value):
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         if math.isfinite(value):
-            assert check_number("thing", value) == float(value)
+            for number in (value, np.float64(value)):
+                checked = check_number("thing", number)
+                assert (type(checked), checked) == (float, float(value))
             return
         with pytest.raises(ValueError, match=r"^thing must be a finite number, got") as caught:
             check_number("thing", value)
@@ -99,9 +76,6 @@ def test_whatever_is_no_finite_number_is_an_error_that_shows_it(value):
 def test_numbers_out_of_bounds_are_errors(bounds, bad, message):
     with pytest.raises(ValueError, match=message.replace("(", r"\(")):
         check_number("thing", bad, **bounds)
-
-
-def test_bounds_are_kept():
     assert check_number("thing", 2, at_least=2.0) == 2.0
     assert check_number("thing", 5e-324, above=0.0) == 5e-324
 
@@ -163,8 +137,6 @@ def test_the_first_bad_cell_is_named(xp):
     check_cells("thing", "be good", value, array(xp, np.ones((2, 3), bool)))
 
 
-# --- the parameters of a world ---------------------------------------------------------------------------
-
 NUMBERS = {
     "life": "above 0",
     "speed": "above 0",
@@ -218,34 +190,31 @@ def test_curvatures_rise_evenly_or_are_an_error(values):
         assert any(word in str(error) for word in ("curvature", "κ̄"))
 
 
-class Still(UniformFlow):
-    """A flow with scales of its own."""
+class Scaled:
+    """A flow of which all scales and bounds can be set."""
 
-    def __init__(self, speed_scale, spin_scale, length_unit=None):
-        super().__init__()
-        for name, value in (("length_unit", length_unit), ("spin_scale", spin_scale)):
-            object.__setattr__(self, name, value)
-        self.__dict__["speed"] = speed_scale
+    max_speed = max_spin = max_shear = 0.1
 
-    @property
-    def speed_scale(self):
-        return self.__dict__.get("speed", 1.0)
+    def __init__(self, speed_scale=0.1, spin_scale=0.1):
+        self.speed_scale, self.spin_scale = speed_scale, spin_scale
+
+    def velocity(self, position):
+        return 0.1 + 0.0 * position
+
+    def spin(self, position):
+        return 0.0 * position[..., 0]
 
 
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
         ({"curvatures": (5.0, 3.0)}, r"curvatures must rise and be positive, got \(5\.0, 3\.0\)"),
-        ({"curvatures": (3.0, 3.0)}, r"curvatures must rise and be positive, got \(3\.0, 3\.0\)"),
-        ({"curvatures": (-1.0, 3.0)}, r"curvatures must rise and be positive, got \(-1\.0, 3\.0\)"),
         ({"curvatures": (1.0, 2.0, 4.0)}, r"curvatures must be evenly spaced, got \(1\.0, 2\.0, 4\.0\)"),
         ({"curvatures": (3.0,)}, r"curvatures must be two or more numbers, got \(3\.0,\)"),
-        ({"curvatures": 3.0}, r"curvatures must be two or more numbers, got 3\.0"),
         ({"curvatures": (3.0, math.nan)}, "curvatures must be a finite number, got nan"),
         ({"curvatures": (0.0, 3.0)}, r"curvatures must rise and be positive, got \(0\.0, 3\.0\)"),
         ({"curvatures": (0.001, 0.002, 0.0030001)}, "curvatures must be evenly spaced, got"),
         ({"curvatures": "35"}, r"curvatures must be two or more numbers, got '35'"),
-        ({"speeds": (1.0,)}, r"speeds must be two positive numbers, got \(1\.0,\)"),
         ({"speeds": (1.0, -1.0)}, r"speeds must be two positive numbers, got \(1\.0, -1\.0\)"),
         ({"speeds": 1.0}, r"speeds must be two positive numbers, got 1\.0"),
         ({"n_records": 1}, "n_records must be a whole number of at least 2, got 1"),
@@ -253,39 +222,24 @@ class Still(UniformFlow):
         ({"n_records": 100}, "n_records must leave at least one time_step per decision.*got n_records = 100"),
         ({"time_step": 1.0}, "n_records must leave at least one time_step per decision.*time_step = 1"),
         ({"time_step": 1e-9}, "time_step must leave at most 10000 steps per decision, got time_step = 1e-09"),
-        ({"time_step": 5e-324}, "time_step must leave at most 10000 steps per decision"),
-        ({"life": 1e30}, r"life must be at most 2\^30 ticks of 0\.02, got 1e\+30"),
         ({"life": 3e7}, r"life must be at most 2\^30 ticks of 0\.02, got 3e\+07"),
-        (
-            {"speed": 1e-300},
-            r"mean curvature × speed must lie between 1e-9 and 1e9 .*, got \(4e-300, 4e-300\)",
-        ),
+        ({"speed": 1e-300}, r"curvature × speed must lie between 1e-9 and 1e9 .* \(4e-300, 4e-300\)"),
         ({"speed": 1e300}, r"mean curvature × speed must lie between 1e-9 and 1e9 .*, got \(4e\+300, "),
         (
             {"interval_rule": "exakt"},
-            "interval_rule must be one of exact, truncated, got 'exakt'; did you mean 'exact'",
+            "interval_rule must be one of exact, truncated, .*; did you mean 'exact'",
         ),
-        ({"field": "lineer"}, "field must be one of .*linear.*, got 'lineer'; did you mean 'linear'"),
         ({"flow": "taylor-green"}, "flow must be one of .*, got 'taylor-green'; did you mean 'taylor_green'"),
         ({"field": LinearField}, r"field must be an object, not a class.*did you mean LinearField\(\)"),
-        (
-            {"flow": LinearField()},
-            r"flow must have velocity\(position\), spin\(position\), speed_scale, spin_scale",
-        ),
+        ({"flow": LinearField()}, r"flow must have velocity\(position\), .*, speed_scale, spin_scale"),
         ({"field": TaylorGreen()}, r"field must have concentration\(position\), gradient_scale"),
         (
             {"sense_flow": True},
-            "sense_flow needs a flow with speed_scale and spin_scale above 0.*got speed_scale 0",
+            "sense_flow needs a flow with speed_scale and spin_.* above 0.*got speed_scale 0",
         ),
-        ({"sense_flow": True, "flow": Still(0.1, 0.0)}, "sense_flow needs .*got .*0.1 and spin_scale 0"),
-        (
-            {"sense_flow": True, "flow": Still(0.0, 0.1)},
-            "sense_flow needs .*got speed_scale 0 and spin_scale 0.1",
-        ),
-        (
-            {"flow": TaylorGreen(speed_scale=1e3, wavenumber=1e3)},
-            "flow must vary slowly enough to be followed",
-        ),
+        ({"sense_flow": True, "flow": Scaled(0.1, 0.0)}, "sense_flow needs .*got .*0.1 and spin_scale 0"),
+        ({"sense_flow": True, "flow": Scaled(0.0, 0.1)}, "sense_flow .* speed_scale 0 and spin_scale 0.1"),
+        ({"flow": TaylorGreen(speed_scale=1e3, wavenumber=1e3)}, "flow must vary slowly enough"),
         ({"sense_flow": 1}, "sense_flow must be True or False, got 1"),
         ({"start_box": ((1.0, 0.0), (0.0, 1.0))}, "start_box must be .*low <= high, got"),
     ],
@@ -308,24 +262,13 @@ class Odd(RadialField):
 
 @pytest.mark.parametrize("option", ["speed_scale", "spin_scale", "max_speed", "max_spin", "max_shear"])
 def test_a_flow_with_wrong_attributes_is_an_error(option):
-    class Current:
-        speed_scale = spin_scale = max_speed = max_spin = max_shear = 0.1
-
-        def velocity(self, position):
-            return 0.1 + 0.0 * position
-
-        def spin(self, position):
-            return 0.0 * position[..., 0]
-
-    World(flow=Current())
-    setattr(Current, option, -1.0)
-    with pytest.raises(ValueError, match=rf"^flow\.{option} must be a finite number of at least 0, got -1"):
-        World(flow=Current())
-    setattr(Current, option, "fast")
-    with pytest.raises(
-        TypeError, match=rf"^flow\.{option} must be a finite number of at least 0, got 'fast'"
-    ):
-        World(flow=Current())
+    flow = Scaled()
+    World(flow=flow)
+    for value, error in ((-1.0, ValueError), ("fast", TypeError)):
+        setattr(flow, option, value)
+        rule = rf"^flow\.{option} must be a finite number of at least 0, got {value!r}"
+        with pytest.raises(error, match=rule):
+            World(flow=flow)
 
 
 def test_the_period_of_a_flow_is_a_positive_length():
@@ -352,18 +295,6 @@ def test_a_world_of_lists_is_the_world_of_tuples():
     tuples = World(curvatures=(3.0, 5.0), speeds=(1.2, 0.8), start_box=((0.0, 1.0), (2.0, 3.0)))
     assert lists == tuples
     assert hash(lists) == hash(tuples)
-
-
-def test_a_field_and_a_flow_must_measure_in_the_same_unit():
-    class Height(LinearField):
-        length_unit = "mm"
-
-    flow = {unit: Still(0.1, 0.1, unit) for unit in ("mm", "m", None)}
-    for unit in ("mm", None):
-        World(field=Height(), flow=flow[unit])
-    World(flow=flow["m"])
-    with pytest.raises(ValueError, match=r"positions in the same unit, got \['m', 'mm'\]"):
-        World(field=Height(), flow=flow["m"])
 
 
 def test_a_life_may_be_as_long_as_its_ticks_can_be_counted():
@@ -400,40 +331,23 @@ def test_replace_checks_again_and_suggests_parameters():
         World().replace(life=-1)
 
 
-@pytest.mark.parametrize("field", sorted(set(FIELDS) - {"gridded"}))
-@pytest.mark.parametrize("flow", sorted(set(FLOWS) - {"gridded"}))
-def test_every_name_makes_a_world(field, flow):
-    world = World(field=field, flow=flow)
-    assert type(world.field) is FIELDS[field]
-    assert type(world.flow) is FLOWS[flow]
-
-
-# --- the parameters of fields and flows --------------------------------------------------------------------
-
-
 def height(position):
     return position[..., 1]
 
 
+FIELD = {"function": height, "gradient_scale": 2.0}
+FLOW = {"function": height, "speed_scale": 1.0, "spin_scale": 1.0}
 POSITIVE = [
     (LinearField, {}, ["gradient_scale"]),
     (RadialField, {}, ["gradient_scale", "egg_radius"]),
     (GaussianPlume, {}, ["gradient_scale", "width", "egg_radius"]),
     (DiffusingSource, {}, ["gradient_scale", "distance", "core", "egg_radius"]),
-    (
-        FunctionField,
-        {"function": height, "gradient_scale": 2.0},
-        ["gradient_scale", "max_gradient", "egg_radius"],
-    ),
+    (FunctionField, FIELD, ["gradient_scale", "max_gradient", "egg_radius"]),
     (TaylorGreen, {}, ["speed_scale", "wavenumber"]),
     (ShearFlow, {}, ["speed_scale", "height"]),
     (PoiseuilleFlow, {}, ["speed_scale"]),
     (Vortex, {}, ["speed_scale", "core"]),
-    (
-        FunctionFlow,
-        {"function": height, "speed_scale": 1.0, "spin_scale": 1.0},
-        ["speed_scale", "spin_scale", "period"],
-    ),
+    (FunctionFlow, FLOW, ["speed_scale", "spin_scale", "period"]),
 ]
 CASES = [(kind, given, name) for kind, given, names in POSITIVE for name in names]
 
@@ -461,19 +375,12 @@ def test_every_offset_is_a_finite_number(kind):
 
 @pytest.mark.parametrize("name", ["max_speed", "max_spin"])
 def test_bounds_of_a_function_flow_may_be_zero(name):
-    given = {"function": height, "speed_scale": 1.0, "spin_scale": 1.0}
-    assert getattr(FunctionFlow(**given, **{name: 0}), name) == 0.0
+    assert getattr(FunctionFlow(**FLOW, **{name: 0}), name) == 0.0
     with pytest.raises(ValueError, match=f"^{name} must be a finite number of at least 0, got -1"):
-        FunctionFlow(**given, **{name: -1})
+        FunctionFlow(**FLOW, **{name: -1})
 
 
-@pytest.mark.parametrize(
-    ("kind", "given"),
-    [
-        (FunctionField, {"function": height, "gradient_scale": 1.0}),
-        (FunctionFlow, {"function": height, "speed_scale": 1.0, "spin_scale": 1.0}),
-    ],
-)
+@pytest.mark.parametrize(("kind", "given"), [(FunctionField, FIELD), (FunctionFlow, FLOW)])
 def test_functions_and_boxes_of_function_parts_are_checked(kind, given):
     assert kind(**given, box=[[0, 1], [2, 3]]).box == ((0.0, 1.0), (2.0, 3.0))
     assert kind(**given, inside=height).inside is height

@@ -1,7 +1,5 @@
 """Built-in fields: what they compute and the bounds they promise."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

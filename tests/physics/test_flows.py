@@ -1,7 +1,5 @@
 """Built-in flows: spin is half the vorticity, no water is made, and bounds hold."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

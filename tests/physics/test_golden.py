@@ -1,7 +1,5 @@
 """Lives are what they were when they were recorded."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

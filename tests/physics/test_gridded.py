@@ -1,7 +1,5 @@
 """Fields and flows from gridded data: convergence to analytic ones, edges, files, what can be wrong."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
@@ -58,9 +56,6 @@ def on_grid(part, points, edges, low=(0.0, 0.0), size=(10.0, 10.0), **options):
 @pytest.fixture
 def places():
     return np.random.default_rng(0).uniform(0.0, 10.0, (2000, 2))
-
-
-# --- convergence -------------------------------------------------------------------------------------------
 
 
 def orders(errors):
@@ -125,9 +120,6 @@ def test_cubic_spin_is_half_the_vorticity_of_the_interpolant(places):
     np.testing.assert_allclose(flow.spin(places), 0.5 * (dx[:, 1] - dy[:, 0]), rtol=0, atol=1e-9)
 
 
-# --- edges -------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 def test_periodic_data_repeat_in_both_directions(xp, places, interpolation):
     flow = on_grid(FLOW, 16, "periodic", (-3.0, 2.0), (10.0, 20.0), interpolation=interpolation)
@@ -137,20 +129,6 @@ def test_periodic_data_repeat_in_both_directions(xp, places, interpolation):
     for shift in ([10.0, 0.0], [0.0, 20.0], [-30.0, 40.0]):
         there = to_numpy(flow.velocity(array(xp, places + np.array(shift))))
         np.testing.assert_allclose(there, here, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
-def test_just_across_the_seam_of_a_period_the_values_go_on(interpolation):
-    flow = on_grid(FLOW, 10, "periodic", interpolation=interpolation)
-    y = np.linspace(0, 10, 50)
-    for seam in (0.0, 10.0):
-        left, right = (np.stack([np.full(50, seam + side), y], axis=-1) for side in (-1e-9, 1e-9))
-        np.testing.assert_allclose(flow.velocity(left), flow.velocity(right), rtol=0, atol=1e-8)
-    np.testing.assert_allclose(
-        flow.velocity(np.array([[np.nextafter(10.0, 0.0), 3.0]])),
-        flow.velocity(np.array([[0.0, 3.0]])),
-        atol=1e-12,
-    )
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
@@ -184,9 +162,6 @@ def test_a_start_outside_a_clamped_grid_is_an_error_and_on_a_periodic_one_it_is_
         World(flow=on_grid(FLOW, 12, "clamped")).start(position, heading, past)
 
 
-# --- in a world --------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("edges", EDGES)
 @pytest.mark.parametrize("spin", [None, "spin"])
 def test_a_path_in_a_cubic_flow_is_within_tolerance_of_the_reference(xp, edges, spin):
@@ -199,20 +174,6 @@ def test_a_path_in_a_cubic_flow_is_within_tolerance_of_the_reference(xp, edges, 
         after = swim(pose(xp, position, angle), 4 * ones, ones, duration * ones, flow)
         expected = reference(position, start.heading, 4.0, 1.0, duration, flow)
         np.testing.assert_allclose(place_and_heading(after), expected, rtol=0, atol=2e-6)
-
-
-def test_a_life_in_the_sampled_flow_is_that_in_the_analytic_one():
-    known = World(flow=FLOW, sense_flow=True, life=20.0)
-    scales = {"speed_scale": FLOW.speed_scale, "spin_scale": FLOW.spin_scale}
-    gridded = known.replace(flow=on_grid(FLOW, 64, "periodic", **scales))
-    states = [world.start(*draw_starts(known, 10, 0)) for world in (known, gridded)]
-    for turn in range(known.max_decisions):
-        action = np.full(10, turn % 2)
-        (states[0], a), (states[1], b) = (
-            world.step(state, action) for world, state in zip((known, gridded), states, strict=True)
-        )
-        np.testing.assert_allclose(a.observation, b.observation, rtol=0, atol=1e-3)
-        np.testing.assert_allclose(a.gain, b.gain, rtol=0, atol=1e-4)
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -284,14 +245,11 @@ def test_gridded_parts_can_be_pickled_and_shown():
     assert "clamped" in repr(World(field=again))
 
 
-# --- data that come otherwise ------------------------------------------------------------------------------
-
-
 def test_axes_may_come_in_any_order_and_run_downwards(places):
     data = sampled(PLUME, *places_of(12, "clamped"))
     usual = GriddedField(data, edges="clamped").concentration(places)
     down = [data.sortby(axis, ascending=False) for axis in ("x", "y")]
-    for other in (data.transpose("y", "x"), *down):
+    for other in (data.transpose("y", "x"), *down, data["c"]):
         field = GriddedField(other, edges="clamped")
         np.testing.assert_allclose(field.concentration(places), usual, rtol=0, atol=1e-12)
 
@@ -300,21 +258,6 @@ def test_coordinates_in_single_precision_are_regular():
     data = sampled(PLUME, *places_of(100, "clamped", low=(1000.0, 0.0)))
     field = GriddedField(data.assign_coords(x=data.x.astype("float32")), edges="clamped")
     assert field.box[0] == pytest.approx((1000.0, 1010.0), rel=1e-6)
-
-
-def test_a_data_array_is_a_field():
-    data = sampled(PLUME, *places_of(8, "clamped"))
-    assert GriddedField(data["c"], edges="clamped").gradient_scale > 0
-
-
-@pytest.mark.parametrize("part", ["field", "flow"])
-def test_a_netcdf_file_is_what_was_saved_in_it(tmp_path, places, part):
-    data = sampled(PLUME if part == "field" else FLOW, *places_of(10, "periodic"))
-    data.to_netcdf(tmp_path / "data.nc", engine="h5netcdf")
-    make, method = (GriddedField, "concentration") if part == "field" else (GriddedFlow, "velocity")
-    known = getattr(make(data, edges="periodic"), method)(places)
-    for path in (tmp_path / "data.nc", str(tmp_path / "data.nc")):
-        np.testing.assert_array_equal(getattr(make(path, edges="periodic"), method)(places), known)
 
 
 def test_packed_values_in_a_file_are_unpacked(tmp_path):
@@ -373,9 +316,6 @@ def test_a_file_is_found_again_by_its_checksum(tmp_path):
         located(old, number, [other])
 
 
-# --- what can be wrong -------------------------------------------------------------------------------------
-
-
 def grid(**changes):
     x, y = places_of(6, "clamped")
     return sampled(PLUME, x, y).assign(**changes)
@@ -419,11 +359,6 @@ def with_x(places):
 def test_wrong_data_are_errors_that_name_the_variable_the_rule_and_the_value(data, options, message):
     with pytest.raises((TypeError, ValueError), match=message):
         GriddedField(data, **{"edges": "clamped", **options})
-
-
-def test_edges_must_be_chosen():
-    with pytest.raises(TypeError, match="edges"):
-        GriddedField(grid())
 
 
 def test_a_period_that_states_its_first_line_twice_is_an_error():
@@ -490,11 +425,11 @@ def test_units_that_contradict_each_other_are_errors(changes, message):
         GriddedFlow(with_units(**changes), edges="periodic", spin="spin")
 
 
-@pytest.mark.parametrize("unit", ["mm/s", "mm s-1", "mm s^-1", "mm s**-1", "mm.s-1", "mm / s", "whatever"])
-@pytest.mark.parametrize("spin", ["rad/s", "s-1", "1/s", "rad s-1"])
-def test_units_that_agree_are_fine(unit, spin):
-    flow = GriddedFlow(with_units(u_x=unit, u_y=unit, spin=spin), edges="periodic", spin="spin")
-    assert flow.length_unit == "mm"
+def test_units_that_agree_are_fine():
+    for unit in ("mm/s", "mm s-1", "mm s^-1", "mm s**-1", "mm.s-1", "mm / s", "whatever"):
+        for spin in ("rad/s", "s-1", "1/s", "rad s-1"):
+            flow = GriddedFlow(with_units(u_x=unit, u_y=unit, spin=spin), edges="periodic", spin="spin")
+            assert flow.length_unit == "mm"
 
 
 def test_a_field_and_a_flow_in_different_units_of_length_are_an_error():
@@ -503,14 +438,12 @@ def test_a_field_and_a_flow_in_different_units_of_length_are_an_error():
         field_data[axis].attrs["units"] = "m"
     field = GriddedField(field_data, edges="clamped")
     flow = GriddedFlow(with_units(u_y="mm/s"), edges="periodic")
-    with pytest.raises(
-        ValueError, match=r"field and flow must have positions in the same unit, got \['m', 'mm'\]"
-    ):
+    with pytest.raises(ValueError, match=r"field and flow must .* the same unit, got \['m', 'mm'\]"):
         World(field=field, flow=flow)
     World(field=field, flow="taylor_green")
-
-
-# --- files that are broken or hostile ----------------------------------------------------------------------
+    for axis in "xy":
+        field_data[axis].attrs["units"] = "mm"
+    World(field=GriddedField(field_data, edges="clamped"), flow=flow)
 
 
 def with_c(path, shape=(7, 7), dtype="f8", *, x=None, **options):
@@ -551,20 +484,14 @@ def sparse(path):
 
 
 HOSTILE = {
-    "numbers": (
-        lambda path: with_c(path, (900, 10**9), chunks=(9, 9)),
-        "c must have at most 67108864 values, got",
-    ),
+    "numbers": (lambda path: with_c(path, (900, 10**9), chunks=(9, 9)), "at most 67108864 values, got"),
     "places": (lambda path: with_c(path, x=10**12), "x must have at most 16777216 values, got 1000000000000"),
     "bytes": (sparse, "must have at most 8589934592 bytes, got 4398046511104"),
     "external": (elsewhere, "c must be stored in the file itself, got a reference to another file"),
     "virtual": (virtual, "c must be stored in the file itself, got a reference to another file"),
     "linked": (linked, "variable must be one of"),
     "text": (lambda path: with_c(path, dtype=h5py.string_dtype()), "c must hold real numbers, got object"),
-    **{
-        f"cut {length}": (partial(cut, length=length), r"my\.nc must be a")
-        for length in (0, 4, 8, 100, 500, 3000)
-    },
+    **{f"cut {length}": (partial(cut, length=length), r"my\.nc must be a") for length in (0, 8, 3000)},
     "nowhere": (lambda path: None, r"data must be a file that exists, got .*my\.nc"),
     "folder": (Path.mkdir, "data must be an ordinary file"),
     "pipe": (os.mkfifo, "data must be an ordinary file"),
@@ -572,10 +499,7 @@ HOSTILE = {
         lambda path: path.write_text("x,y,c"),
         r"my\.nc must be a NetCDF-4 file; open others with xarray",
     ),
-    "old": (
-        lambda path: grid().to_netcdf(path, engine="scipy"),
-        "must be a NetCDF-4 file; open others with xarray",
-    ),
+    "old": (lambda path: grid().to_netcdf(path, engine="scipy"), "a NetCDF-4 file; open others with xarray"),
 }
 
 

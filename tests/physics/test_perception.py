@@ -1,7 +1,5 @@
 """Memory and its normalisation, by hand-computed numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from swarm.physics import perception

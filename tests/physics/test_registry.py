@@ -1,7 +1,5 @@
 """Fields and flows by name: with parameters, from a user's own package, and as plain data again."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Kinematics against closed forms and an adaptive high-order integrator."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from types import SimpleNamespace
@@ -10,7 +8,6 @@ import numpy as np
 import pytest
 
 from swarm.physics.flows import PoiseuilleFlow, ShearFlow, StillWater, TaylorGreen, UniformFlow, Vortex
-from swarm.physics.motion import collocation
 from swarm.physics.motion.arc import Pose, along_arc, arc, centre_of_curvature, closest_approach
 from swarm.physics.motion.collocation import TOLERANCE, Collocation, error_estimate, swim
 from tests.reference import array, place_and_heading, pose, reference, to_numpy
@@ -77,17 +74,6 @@ def test_a_positive_curvature_turns_left(xp):
     np.testing.assert_allclose(place_and_heading(after), [[0.5, 0.5, 0.0, 1.0]], rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("flow", [StillWater(), TaylorGreen(), Vortex(), PoiseuilleFlow(walls=(-30.0, 30.0))])
-def test_a_negative_duration_undoes_a_positive_one(xp, cells, flow):
-    position, angle, curvature = cells
-    there = swum(xp, cells, 0.38, flow=flow)
-    speed = array(xp, np.ones(CELLS))
-    back = swim(there, array(xp, curvature), speed, array(xp, np.full(CELLS, -0.38)), flow)
-    tolerance = 1e-14 * 20 if isinstance(flow, StillWater) else 2 * TOLERANCE
-    start = place_and_heading(pose(np, position, angle))
-    np.testing.assert_allclose(place_and_heading(back), start, rtol=0, atol=tolerance)
-
-
 FLOWS = [
     TaylorGreen(),
     TaylorGreen(speed_scale=1.0),
@@ -106,7 +92,9 @@ FLOWS = [
 def test_in_a_flow_the_pose_is_within_tolerance_of_the_reference(xp, cells, flow):
     position, angle, curvature = cells
     heading = pose(np, position, angle).heading
-    for duration, speed in ((0.78, 1.0), (0.38, 1.0), (0.18, 1.0), (-0.38, 1.0), (0.38, 2.5), (2.5, 0.5)):
+    several = np.linspace(0.05, 0.78, CELLS)
+    pairs = ((0.78, 1.0), (0.38, 1.0), (0.18, 1.0), (-0.38, 1.0), (0.38, 2.5), (2.5, 0.5), (several, 1.0))
+    for duration, speed in pairs:
         after = place_and_heading(swum(xp, cells, duration, flow=flow, speed=speed))
         expected = reference(position, heading, curvature, speed, duration, flow)
         np.testing.assert_allclose(after, expected, rtol=0, atol=TOLERANCE, err_msg=f"{duration=}")
@@ -189,13 +177,6 @@ def test_the_error_estimate_knows_a_flow_by_its_bounds_or_else_by_its_scales():
     assert estimated(SimpleNamespace(**vars(bounded) | {"max_shear": 0.1})) == expected
 
 
-def test_the_error_estimate_does_not_depend_on_the_unit_of_time():
-    for unit in (0.01, 60.0):
-        flow = SimpleNamespace(speed_scale=0.3 / unit, spin_scale=0.6 / unit)
-        expected = estimated(SimpleNamespace(speed_scale=0.3, spin_scale=0.6))
-        assert estimated(flow, unit_of_time=unit) == pytest.approx(expected, rel=1e-12)
-
-
 def test_a_flow_that_turns_cells_without_moving_them_is_followed():
     class Turning(StillWater):
         speed_scale = max_speed = 0.0
@@ -206,50 +187,6 @@ def test_a_flow_that_turns_cells_without_moving_them_is_followed():
 
     scheme = Collocation.for_interval(Turning(), 1.5, 0.38, 0.38)
     assert error_of(scheme, Turning(), 0.38) < TOLERANCE
-
-
-@pytest.mark.parametrize("flow", [*FLOWS, TaylorGreen(speed_scale=1.0, wavenumber=3.0), TaylorGreen(1e-7)])
-@pytest.mark.parametrize("duration", [0.02, 0.38, 3.0])
-def test_the_scheme_is_the_cheapest_that_keeps_the_tolerance(flow, duration):
-    def cost(nodes, sweeps, substeps):
-        return substeps * sweeps * (nodes + 3)
-
-    found = Collocation.for_interval(flow, 4 * duration, duration, duration)
-    enough = (
-        cost(nodes, sweeps, substeps)
-        for substeps in collocation.SUBSTEPS
-        for nodes, sweeps in itertools.product((3, 4, 5, 6), (2, 3, 4, 5, 6))
-        if error_estimate(flow, 4 * duration, duration, duration, nodes, sweeps, substeps) <= TOLERANCE
-    )
-    assert 3 <= found.nodes <= 6
-    assert 2 <= found.sweeps <= 6
-    assert cost(found.nodes, found.sweeps, found.substeps) == min(enough)
-
-
-def test_outputs_are_no_further_apart_than_wanted_and_no_more_than_needed():
-    flow = TaylorGreen(speed_scale=1.0, wavenumber=1.0)
-    assert Collocation.for_interval(flow, 1.5, 0.38, 0.38).outputs == 0
-    for duration, spacing in itertools.product((0.38, 0.78, 3.0), (0.02, 0.019, 0.3, 5.0)):
-        scheme = Collocation.for_interval(flow, 4 * duration, duration, duration, spacing)
-        substep = duration / scheme.substeps
-        assert scheme.outputs >= 1
-        assert substep / scheme.outputs <= spacing * (1 + 1e-6)
-        assert scheme.outputs == 1 or substep / (scheme.outputs - 1) > spacing * (1 - 1e-6)
-
-
-def test_several_cells_swim_by_the_scheme_of_the_longest_and_most_curved_interval(monkeypatch):
-    asked = []
-    choose = Collocation.for_interval
-
-    def recorded(flow, *interval):
-        asked.append(interval)
-        return choose(flow, *interval)
-
-    monkeypatch.setattr(Collocation, "for_interval", recorded)
-    start = pose(np, np.zeros((3, 2)), np.zeros(3))
-    curvature, speed = np.array([3.0, -5.0, 4.0]), np.array([0.5, 2.0, 1.0])
-    swim(start, curvature, speed, np.array([-0.3, 0.1, -0.2]), TaylorGreen())
-    assert asked == [(5.0 * 2.0 * 0.1, 0.2, 0.3)]
 
 
 def test_a_flow_that_gives_velocity_and_spin_at_one_go_is_asked_once(xp, cells):
@@ -310,8 +247,8 @@ def test_the_centre_of_curvature_stays_while_the_curvature_does(xp, cells):
     np.testing.assert_allclose(to_numpy(after), to_numpy(before), rtol=0, atol=1e-14 * 20)
 
 
-@pytest.mark.parametrize("length", [0.0, 0.1, 0.38, 1.0, 3.0])
-@pytest.mark.parametrize("curvature", [3.0, 5.0, -4.0, 0.05, 1e-6, 1e-12, 0.0])
+@pytest.mark.parametrize("length", [0.0, 0.38, 3.0])
+@pytest.mark.parametrize("curvature", [5.0, -4.0, 0.05, 1e-6, 0.0])
 def test_the_closest_approach_is_that_of_a_densely_sampled_arc(xp, curvature, length):
     rng = np.random.default_rng(3)
     cells = 60

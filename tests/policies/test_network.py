@@ -1,7 +1,5 @@
 """Trained policies in NumPy and their files: what a file says is checked, and nothing in it can run."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import itertools
@@ -114,20 +112,15 @@ def test_a_network_fits_the_sensor_that_its_card_names():
         make(12, 2, card={"n_records": 4, "features": 3})
 
 
+AWARE = make(20, 6, 2, card={"n_records": 4, "features": 5})
+
+
 @pytest.mark.parametrize(
     ("policy", "world", "words"),
     [
         (make(), World(n_records=8), ["takes 8 numbers", "world gives 16"]),
-        (
-            make(20, 6, 2, card={"n_records": 4, "features": 5}),
-            World(flow="taylor_green"),
-            ["20", "8", "sense_flow=True"],
-        ),
-        (
-            make(20, 6, 2, card={"n_records": 4, "features": 5}),
-            World(n_records=10),
-            ["20", "n_records = 4", "n_records = 10"],
-        ),
+        (AWARE, World(flow="taylor_green"), ["20", "8", "sense_flow=True"]),
+        (AWARE, World(n_records=10), ["20", "n_records = 4", "n_records = 10"]),
         (make(), World(curvatures=(3.0, 4.0, 5.0)), ["policy has 2", "world 3"]),
     ],
 )
@@ -154,23 +147,15 @@ def test_layers_that_do_not_chain_are_refused(weights, biases, words):
         Network(weights, biases, CARD)
 
 
-# --- files -------------------------------------------------------------------------------------------------
-
-
 def test_a_saved_policy_comes_back_bit_by_bit(tmp_path):
     policy = make(card={**CARD, "validation": {"gain": 29.8, "limit": None}, "seeds": [0, 1], "note": "κ₁ …"})
     save_policy(policy, tmp_path / "policy.safetensors")
-    again = load_policy(tmp_path / "policy.safetensors")
+    again = load_policy(str(tmp_path))  # a run's folder stands for its policy
     seen = observations(100)
     assert (again.values(seen) == policy.values(seen)).all()
     assert again.card == policy.card
     save_policy(again, tmp_path / "copy")
     assert (tmp_path / "copy").read_bytes() == (tmp_path / "policy.safetensors").read_bytes()
-
-
-def test_a_run_folder_stands_for_its_policy(tmp_path):
-    save_policy(make(), tmp_path / "policy.safetensors")
-    assert load_policy(str(tmp_path)).card["experiment"] == "linear_n4"
 
 
 def test_an_unknown_shipped_policy_suggests_the_nearest(monkeypatch):
@@ -233,15 +218,13 @@ def written(change=None, *, card=CARD, metadata=None, parameters=None):
     return struct.pack("<Q", len(text)) + text + data[8 + size :]
 
 
-def opened(data):
-    """The policy in these bytes."""
-    Path("policy.safetensors").write_bytes(data)
-    return load_policy("policy.safetensors")
-
-
 def too_large(path):
     with path.open("wb") as file:
         file.truncate(MAX_FILE + 1)  # takes no space
+
+
+UNCHAINED = np.zeros((2, 5), np.float32)
+TWICE = b', "layers.0.bias": {}}'
 
 
 def with_entry(name, **entry):
@@ -252,30 +235,23 @@ HOSTILE = {
     "nothing": lambda path: None,
     "a pipe": os.mkfifo,
     "too large": too_large,
-    **{f"a pickle of protocol {i}": pickle.dumps(Canary(), i) for i in range(pickle.HIGHEST_PROTOCOL + 1)},
+    **{f"a pickle of protocol {i}": pickle.dumps(Canary(), i) for i in (0, 2, 4)},
     "a zipped pickle": zipped(),
     "empty": b"",
-    "short": b"\x01\x00",
     "header beyond the file": struct.pack("<Q", 2**62) + b"{}",
     "header beyond the limit": struct.pack("<Q", 2**20) + b" " * 2**20,
     "header is no text": struct.pack("<Q", 4) + b"\xff\xfe\xfd\xfc",
     "header is no JSON": struct.pack("<Q", 4) + b"{]}}",
-    "header is no object": struct.pack("<Q", 4) + b"[[]]",
     "header nested without end": struct.pack("<Q", 200_000) + b"[" * 200_000,
-    "header with a key twice": written(
-        lambda header: json.dumps(header).encode()[:-1] + b', "layers.0.bias": {}}'
-    ),
+    "header with a key twice": written(lambda header: json.dumps(header).encode()[:-1] + TWICE),
     "no card": written(metadata={"other": "{}"}),
     "no metadata": written(lambda header: header.pop("__metadata__") and header),
     "card is no JSON": written(card="{"),
-    "card is a list": written(card="[]"),
     "card without its numbers": written(card={"experiment": "linear_n4"}),
     "card of another size": written(card={"n_records": 8, "features": 2}),
     "card with a wrong type": written(card={"n_records": "4", "features": 2}),
-    "card with a flag as number": written(card={"n_records": True, "features": 2}),
     "card with odd features": written(card={"n_records": 2, "features": 4}),
     "card with NaN": written(card='{"n_records": 4, "features": 2, "gain": NaN}'),
-    "card with infinity": written(card='{"n_records": 4, "features": 2, "gain": 1e999}'),
     "card with a terminal's escape": written(card={**CARD, "note": "\x1b]0;owned\x07"}),
     "card with reversed text": written(card={**CARD, "note": "\u202egnp.exe"}),
     "card nested deep": written(card='{"n_records": 4, "features": 2, "a": ' + "[" * 50 + "]" * 50 + "}"),
@@ -289,15 +265,12 @@ HOSTILE = {
     "a shape of another size": written(with_entry("layers.0.weight", shape=[3, 9])),
     "a shape beyond the limit": written(with_entry("layers.0.weight", shape=[2**40, 2**40])),
     "a negative shape": written(with_entry("layers.0.weight", shape=[-3, -8])),
-    "a shape of text": written(with_entry("layers.0.weight", shape="3, 8")),
     "an entry of text": written(lambda header: header.update({"layers.0.bias": "x"})),
     "offsets beyond the file": written(with_entry("layers.0.weight", data_offsets=[0, 2**50])),
     "offsets that overlap": written(with_entry("layers.0.weight", data_offsets=[0, 96])),
     "data cut off": written()[:-4],
     "data too long": written() + bytes(4),
-    "layers that do not chain": written(
-        parameters=tensors() | {"layers.1.weight": np.zeros((2, 5), np.float32)}
-    ),
+    "layers that do not chain": written(parameters=tensors() | {"layers.1.weight": UNCHAINED}),
 }
 
 
@@ -334,12 +307,11 @@ def test_a_malformed_file_is_refused_by_name_runs_nothing_and_costs_no_memory(tm
         assert Path("canary").exists()  # it could have sung
 
 
-def test_a_header_of_any_length_is_accepted(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert opened(written(lambda header: header)).n_actions == 2
+def test_a_header_of_any_length_is_accepted(tmp_path):
+    path = tmp_path / "policy.safetensors"
     for length in range(0, 600, 7):
-        card = {**CARD, "note": "x" * length}
-        assert opened(written(card=card)).card["note"] == card["note"]
+        path.write_bytes(written(card={**CARD, "note": "x" * length}))
+        assert load_policy(path).card["note"] == "x" * length
 
 
 @given(st.data())

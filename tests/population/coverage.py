@@ -3,8 +3,6 @@
 Two samples are paired where both policies are tested on the same cells, with effects that agree in part.
 """
 
-from __future__ import annotations
-
 import itertools
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Intervals over seeds and cells: Student's and Welch's where only one of them varies, and they cover."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,11 +1,8 @@
 """Population tests: the same starts for every policy, lives that depend on nothing else, known gains."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from swarm.physics.fields import FunctionField
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies.strategies import Greedy, Random, Swinging
@@ -43,24 +40,6 @@ def test_intervals_that_are_not_rounded_spoil_greedy():
     assert 9 < float(gain.std()) < 13
 
 
-@pytest.mark.parametrize("options", [{}, {"varying_speed": True}], ids=str)
-def test_swinging_goes_round_in_a_circle_and_gains_nothing(options):
-    world = World(**options)
-    results = trial(world, {"swinging": Swinging()}, cells=100, record=True)
-    assert abs(float(results["gain"].sel(policy="swinging").mean())) < 0.5
-    centre = results["centre"].sel(policy="swinging").values
-    # A cycle of N_T decisions falls short of a full turn by δ and shifts the centre by two switches at most.
-    turn = sum(
-        curvature * speed * interval * world.n_records / 2
-        for curvature, speed, interval in zip(
-            world.curvatures, world.action_speeds, world.intervals, strict=True
-        )
-    )
-    shift = 2 * (1 / world.curvatures[0] - 1 / world.curvatures[1])
-    diameter = shift / np.sin((2 * np.pi - turn) / 2)
-    assert np.nanmax(np.linalg.norm(centre - centre[:, :1], axis=-1)) < diameter + shift
-
-
 def test_every_policy_has_the_same_starts_and_they_are_the_test_populations():
     world = World()
     results = trial(world, {"random": Random(), "swinging": Swinging()}, cells=7, life=5, seed=3, record=True)
@@ -86,13 +65,7 @@ def test_populations_for_validation_and_training_have_starts_of_their_own():
 
 @pytest.mark.parametrize(
     "options",
-    [
-        {},
-        NOISY,
-        {"varying_speed": True, **NOISY},
-        {"flow": "taylor_green", **NOISY},
-        {"field": "radial", "varying_speed": True},
-    ],
+    [{}, NOISY, {"flow": "taylor_green", **NOISY}, {"field": "radial", "varying_speed": True}],
     ids=str,
 )
 def test_a_cells_life_does_not_depend_on_how_many_others_there_are(options):
@@ -109,14 +82,6 @@ def test_a_policys_lives_do_not_depend_on_the_other_policies():
     assert crowd["policy"].values.tolist() == ["dqn", "greedy", "random"]
     for name in ("random", "greedy"):
         assert (alone["gain"].sel(policy=name).values == crowd["gain"].sel(policy=name).values).all()
-
-
-def test_noise_goes_on_after_the_first_block_and_with_another_seed_is_another():
-    gains = [trial(World(**NOISY), cells=5, life=60, seed=seed)["gain"].values for seed in (0, 0, 1)]
-    assert (gains[0] == gains[1]).all()
-    assert not np.any(gains[0] == gains[2])
-    quiet = trial(World(), cells=5, life=60)["gain"].values
-    assert not np.any(quiet == gains[0])
 
 
 @pytest.mark.parametrize("options", [{}, {"varying_speed": True}, {"flow": "taylor_green"}], ids=str)
@@ -162,19 +127,10 @@ def test_units_and_provenance_are_in_the_attributes():
     assert '"numpy"' in results.attrs["versions"]
 
 
-def test_a_field_that_returns_nan_names_the_cell():
-    broken = FunctionField(
-        lambda position: position[..., 1] * np.where(position[..., 0] > 4, np.nan, 1.0), 1.0
-    )
-    with pytest.raises(ValueError, match=r"cell \d"):
-        trial(World(field=broken), cells=20, life=5)
-
-
 @pytest.mark.parametrize(
     ("options", "error", "words"),
     [
         ({"cells": 0}, ValueError, "cells must be a whole number of at least 1, got 0"),
-        ({"cells": 2.5}, TypeError, "cells must be a whole number"),
         ({"life": -1.0}, ValueError, "life must be a finite number above 0"),
         ({"seed": -1}, ValueError, "seed must not be negative"),
         ({"policies": {"": Greedy()}}, TypeError, "policies must be named by text, got ''"),

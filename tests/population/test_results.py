@@ -1,7 +1,6 @@
 """Results files: what is written comes back, and a stranger's file is checked before it is read."""
 
-from __future__ import annotations
-
+import json
 import os
 
 import h5py
@@ -9,8 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from swarm.physics.fields import FIELDS, FunctionField
-from swarm.physics.flows import FLOWS
+from swarm.physics.fields import FunctionField
 from swarm.physics.world import World
 from swarm.policies.strategies import Random
 from swarm.population.contest import population_test
@@ -36,28 +34,10 @@ def test_results_come_back_as_they_were(results, saved):
     assert load_population(saved).identical(without_series)
 
 
-def test_a_failed_write_keeps_the_old_file(results, saved, monkeypatch):
-    before = saved.read_bytes()
-
-    def half(self, path, **_):
-        path.write_bytes(b"half")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", half)
-    with pytest.raises(OSError, match="No space left"):
-        save_population(results, saved)
-    assert saved.read_bytes() == before
-    assert list(saved.parent.iterdir()) == [saved]
-
-
-@pytest.mark.parametrize("field", sorted(set(FIELDS) - {"gridded"}))
-@pytest.mark.parametrize("flow", sorted(set(FLOWS) - {"gridded"}))
-def test_the_world_can_be_made_again_from_its_settings(field, flow):
-    import json
-
-    world = World(
-        field=field, flow=flow, n_records=8, varying_speed=True, curvatures=(2.0, 3.0, 4.0), life=7.0
-    )
+@pytest.mark.parametrize("flow", ["still", "vortex"])
+def test_the_world_can_be_made_again_from_its_settings(flow):
+    options = {"n_records": 8, "varying_speed": True, "curvatures": (2.0, 3.0, 4.0), "life": 7.0}
+    world = World(field="gaussian_plume", flow=flow, **options)
     stored = xr.Dataset(attrs={"world": json.dumps(settings(world))})
     assert world_of(stored) == world
 
@@ -121,11 +101,8 @@ HOSTILE = {
     "gains that are not finite": (edited(spoilt), "its gains must be finite"),
     "no seed": (edited(lambda file: file.attrs.__delitem__("seed")), "attribute 'seed'"),
     "empty": (lambda path: path.write_bytes(b""), "NetCDF"),
-    "a beginning only": (lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n"), "NetCDF"),
     "a pickle": (lambda path: path.write_bytes(b"\x80\x04."), "NetCDF"),
-    "of another kind": (lambda path: path.write_bytes(b"x" * 4096), "NetCDF"),
     "cut in half": (lambda path: os.truncate(path, path.stat().st_size // 2), "NetCDF"),
-    "cut a little": (lambda path: os.truncate(path, path.stat().st_size - 100), "NetCDF"),
     "not there": (lambda path: path.unlink(), "it is not there"),
     "a directory": (lambda path: (path.unlink(), path.mkdir()), "ordinary file"),
 }

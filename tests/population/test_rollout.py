@@ -1,7 +1,5 @@
 """The rollout and its random numbers: whoever plays a population's life plays the same one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """Tables: one set of rows, written for people and for programs."""
 
-from __future__ import annotations
-
 import csv
 import io
 

@@ -3,8 +3,6 @@
 Who may import whom is stated in `pyproject.toml` and held by import-linter (`make test`).
 """
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

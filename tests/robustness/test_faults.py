@@ -1,7 +1,5 @@
 """Faults: each ends in one clear line and a non-zero exit code, and what was saved before is kept."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl
@@ -9,7 +7,6 @@ import importlib.util
 import io
 import json
 import os
-import resource
 import shutil
 import signal
 import sys
@@ -92,37 +89,6 @@ def broken_after(monkeypatch, epoch):
 
 def listed(run):
     return sorted(path.name for path in (run.path / runs.CHECKPOINTS).iterdir())
-
-
-# --- the disk -----------------------------------------------------------------------------------------------
-
-
-@contextlib.contextmanager
-def no_file_above(size):
-    """Within, no file can grow beyond that many bytes."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-def test_a_file_that_cannot_grow_ends_the_run_and_the_checkpoint_before_is_kept(
-    monkeypatch, capsys, expected
-):
-    limit = no_file_above(2000)
-    after(monkeypatch, 3, lambda run: limit.__enter__())
-    try:
-        said = message(capsys, begin)
-    finally:
-        limit.__exit__(None, None, None)
-    assert "epoch_000004" in said
-    assert "File too large" in said
-    assert "swarm train resume=run" in said
-    assert listed(runs.RunFolder(Path("run"))) == ["epoch_000002"]
-    resume()
-    assert_equal_runs(runs.RunFolder(Path("run")), expected)
 
 
 def test_a_full_disk_ends_the_run_and_names_the_file(monkeypatch, capsys, expected):
@@ -217,14 +183,6 @@ def test_a_run_folder_deleted_while_running_ends_the_run(monkeypatch, capsys):
     assert not Path("run").exists()
 
 
-def test_a_table_deleted_while_running_ends_the_run_which_can_go_on(monkeypatch, capsys, expected):
-    with monkeypatch.context() as patch:
-        after(patch, 3, lambda run: (run.path / runs.METRICS).unlink())
-        assert "run/metrics.csv" in message(capsys, begin)
-    resume()
-    assert_equal_runs(runs.RunFolder(Path("run")), expected)
-
-
 def test_what_is_there_is_never_overwritten(capsys):
     Path("run").mkdir()
     Path("run/notes.txt").write_text("mine")
@@ -233,61 +191,24 @@ def test_what_is_there_is_never_overwritten(capsys):
     Path("file").write_text("mine")
     assert "file must be a new or an empty folder" in message(capsys, begin, "file")
     assert Path("file").read_text() == "mine"
-    assert "not the current one" in message(capsys, in_an_empty_folder, ".")
-
-
-def in_an_empty_folder(folder):
     Path("empty").mkdir()
     os.chdir("empty")
-    begin(folder)
-
-
-def test_an_empty_folder_may_be_used():
-    Path("run").mkdir()
-    begin()
-    assert runs.RunFolder(Path("run")).finished
-
-
-# --- checkpoints --------------------------------------------------------------------------------------------
+    assert "not the current one" in message(capsys, begin, ".")
 
 
 def newest_file(run, name=checkpoints.TENSORS):
     return run.path / runs.CHECKPOINTS / listed(run)[-1] / name
 
 
-def flip(file):
-    data = bytearray(file.read_bytes())
-    data[-5] ^= 8
-    file.write_bytes(data)
-
-
-def cut(file):
-    file.write_bytes(file.read_bytes()[:1000])
-
-
-@pytest.mark.parametrize("harm", [flip, cut, Path.unlink])
-def test_a_damaged_checkpoint_is_said_and_the_one_before_is_gone_on_from(monkeypatch, capsys, harm, expected):
+def test_a_damaged_checkpoint_is_said_and_the_one_before_is_gone_on_from(monkeypatch, capsys, expected):
     run = broken_after(monkeypatch, 5)
     assert listed(run) == ["epoch_000002", "epoch_000004"]
-    harm(newest_file(run))
+    newest_file(run).write_bytes(newest_file(run).read_bytes()[:1000])
     capsys.readouterr()
     resume()
     said = capsys.readouterr().err.splitlines()[0]
     assert "epoch_000004 is damaged" in said
     assert "going on from epoch 2" in said
-    assert_equal_runs(run, expected)
-
-
-def test_where_both_checkpoints_are_damaged_the_run_does_not_go_on(monkeypatch, capsys, expected):
-    run = broken_after(monkeypatch, 5)
-    for file in (run.path / runs.CHECKPOINTS).rglob(checkpoints.TENSORS):
-        flip(file)
-    said = message(capsys, resume)
-    assert "epoch_000002 is damaged" in said
-    assert "epoch_000004 is damaged" in said
-    assert "to start again from epoch 0, remove run/checkpoints" in said
-    shutil.rmtree(run.path / runs.CHECKPOINTS)
-    resume()
     assert_equal_runs(run, expected)
 
 
@@ -300,13 +221,6 @@ def test_a_checkpoint_of_another_experiment_is_refused(monkeypatch, capsys):
     assert "must come from this run" in said
     assert "experiment" in said
     assert "world" in said
-
-
-def test_a_checkpoint_of_a_newer_version_is_refused(monkeypatch, capsys):
-    with monkeypatch.context() as patch:
-        patch.setattr(checkpoints, "FORMAT", checkpoints.FORMAT + 1)
-        broken_after(monkeypatch, 5)
-    assert "must have format 2, which this version of chemoswarm reads, got 3" in message(capsys, resume)
 
 
 def forged(run, change):
@@ -322,13 +236,11 @@ def forged(run, change):
 WEIGHTS = "loss.value_network_params.0.weight"
 FORGERIES = {
     "a tensor is missing": lambda tensors, record: tensors.pop(WEIGHTS),
-    "one too many": lambda tensors, record: tensors.update(more=torch.zeros(1)),
     "another shape": lambda tensors, record: tensors.update({WEIGHTS: torch.zeros(1, 5)}),
     "another type": lambda tensors, record: tensors.update(best_epoch=torch.zeros(1)),
     "no rows": lambda tensors, record: tensors.update(buffer=tensors["buffer"][:0]),
     "unknown actions": lambda tensors, record: tensors["buffer"][..., -2].fill_(7),
     "a counter is missing": lambda tensors, record: record.pop("cursor"),
-    "a counter is text": lambda tensors, record: record.update(epoch="4"),
     "a counter is negative": lambda tensors, record: record.update(updates=-1),
     "a place beyond the buffer": lambda tensors, record: record.update(cursor=10**9),
     "an epoch beyond the end": lambda tensors, record: record.update(epoch=10**6),
@@ -351,9 +263,6 @@ def test_a_checkpoint_larger_than_the_run_can_make_it_is_not_read(monkeypatch, c
     assert "must have at most" in capsys.readouterr().err
 
 
-# --- tables and other files of a run ------------------------------------------------------------------------
-
-
 def test_a_half_written_last_line_is_left_out_and_mended(monkeypatch, expected):
     run = broken_after(monkeypatch, 5)
     for name in (runs.METRICS, runs.TIMINGS):
@@ -366,7 +275,7 @@ def test_a_half_written_last_line_is_left_out_and_mended(monkeypatch, expected):
     assert [row["epoch"] for row in run.rows(runs.TIMINGS)] == list("12345678")
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "null", '"' * 1000])
+@pytest.mark.parametrize("text", ["", "[]"])
 def test_a_damaged_record_of_versions_does_not_stop_a_run(monkeypatch, expected, text):
     run = broken_after(monkeypatch, 3)
     (run.path / runs.PROVENANCE).write_text(text)
@@ -397,9 +306,6 @@ def test_only_runs_can_be_resumed(capsys, folder):
     Path("empty").mkdir()
     Path("file").write_text("no run")
     assert "resume must name the folder of a run" in message(capsys, resume, folder)
-
-
-# --- numbers ------------------------------------------------------------------------------------------------
 
 
 def test_a_reward_that_is_no_number_ends_the_run_and_names_the_cell(monkeypatch, capsys, expected):
@@ -443,9 +349,6 @@ def test_a_learning_rate_that_is_too_high_ends_the_run_with_advice(capsys):
     assert "a lower learning.learning_rate may help" in said
 
 
-# --- Ctrl-C -------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_saves_and_says_how_to_go_on(monkeypatch, capsys, number, expected):
     before = signal.getsignal(number)
@@ -473,9 +376,6 @@ def test_a_second_ctrl_c_stops_at_once(monkeypatch, capsys, expected):
     assert_equal_runs(runs.RunFolder(Path("run")), expected)
 
 
-# --- two processes ------------------------------------------------------------------------------------------
-
-
 def test_a_second_process_on_the_same_run_is_refused(monkeypatch, capsys):
     broken_after(monkeypatch, 3)
     with open("run/.lock", "a") as file:
@@ -494,14 +394,10 @@ def test_a_file_system_without_locks_is_no_hindrance(monkeypatch):
     assert runs.RunFolder(Path("run")).finished
 
 
-# --- the machine --------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
         ({"learning": {"buffer_size": 10**12}}, "GiB of memory, this machine has"),
-        ({"learning": {"n_swimmers": 10**15}}, "GiB of memory"),
         ({"n_seeds": 10**15}, "GiB of memory"),
         ({"device": "cuda:99"}, "device must be one that torch finds here, got 'cuda:99'"),
     ],
@@ -511,18 +407,14 @@ def test_what_the_machine_cannot_do_is_said_before_there_is_a_folder(capsys, set
     assert not Path("run").exists()
 
 
-@pytest.mark.parametrize(
-    ("name", "settings"),
-    [("tensorboard", {"tensorboard": True}), ("wandb", {"wandb": True})],
-)
-def test_a_missing_package_is_said_before_there_is_a_folder(monkeypatch, capsys, name, settings):
+@pytest.mark.parametrize("name", ["tensorboard", "wandb"])
+def test_a_missing_package_is_said_before_there_is_a_folder(monkeypatch, capsys, name):
     find = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda wanted, *rest: None if wanted == name else find(wanted, *rest)
     )
-    assert f"needs {name}, which is not installed" in message(
-        capsys, begin, "run", short_settings(**settings)
-    )
+    said = message(capsys, begin, "run", short_settings(**{name: True}))
+    assert f"needs {name}, which is not installed" in said
     assert not Path("run").exists()
 
 

@@ -1,7 +1,5 @@
 """Random worlds, random decisions: what must hold whatever the parameters."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
@@ -186,18 +184,3 @@ def test_what_must_hold_in_every_world(world, cells, dtype, seed):
 @given(worlds(), CELLS, DTYPES, st.integers(0, 2**32))
 def test_what_must_hold_for_a_hundred_thousand_steps(world, cells, dtype, seed):
     check_life(world, cells, dtype, seed, 100)
-
-
-@settings(max_examples=20)
-@given(worlds(), st.integers(0, 2**32), st.integers(2, 30))
-def test_a_cell_lives_the_same_life_alone(world, seed, cells):
-    starts, noise = draw_starts(world, cells, seed), draw_noise(seed, cells, 4)
-    action = np.random.default_rng(seed).integers(world.n_actions, size=(4, cells))
-    ends = []
-    for rows in (slice(None), slice(cells - 1, cells)):
-        state = world.start(*(part[rows] for part in starts))
-        for turn in range(4):
-            state, outcome = world.step(state, action[turn, rows], noise[rows, turn])
-        ends.append((*state, *outcome))
-    for together, alone in zip(*ends, strict=True):
-        np.testing.assert_array_equal(together[-1:], alone)

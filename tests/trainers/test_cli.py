@@ -1,7 +1,5 @@
 """The command line: what each command says to bad input, and what it does with good."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle
@@ -79,25 +77,18 @@ def policy(path="policy.safetensors", **card):
     return path
 
 
-# --- train --------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["sed=1"], "settings have no key 'sed'; did you mean 'seed'?"),
         (["+foo=1"], "a setting must be written key=value, got '+foo=1'"),
-        (["~seed"], "a setting must be written key=value, got '~seed'"),
         (["--seed", "1"], "a setting must be written key=value, got '--seed'"),
         (["experiment=linear_3"], "did you mean 'linear_n"),
-        (["learning.epochs=1.5"], "learning.epochs"),
         (["device=cuda:77"], "device must be one that torch finds here"),
         (["learning.buffer_size=10000000000000"], "GiB of memory"),
         (["resume=a", "seed=1"], "nothing else may be given, got resume=a seed=1"),
-        (["resume=a", "resume=b"], "nothing else may be given"),
         (["resume=a", "hydra.run.dir=b"], "nothing else may be given"),
         (["-m", "seed=0,x"], "seed"),
-        (["-m", "sed=0,1"], "settings have no key 'sed'"),
         (["-m", "seed=0,1", "learning.epochs=0"], "learning.epochs must be at least 1, got 0"),
         (["-m", "resume=a"], "resume"),
         (["hydra.run.dir=/dev/null/run", *SHORT], "/dev/null"),
@@ -133,9 +124,6 @@ def test_show_only_shows():
     assert list(Path().iterdir()) == []
 
 
-# --- evaluate -----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -143,34 +131,19 @@ def test_show_only_shows():
         (["nowhere/at/all"], "nowhere/at/all"),
         (["zoo:nothing"], "nothing"),
         (["greedy", "--experiment", "linear_n3"], "did you mean"),
-        (["greedy", "--experiment", ""], "experiment must be one of"),
         (["greedy", "--cells", "0"], "cells must be a whole number of at least 1, got 0"),
-        (["greedy", "--cells", "-3"], "cells must be a whole number"),
-        (["greedy", "--life", "0"], "life must be a finite number above 0"),
         (["greedy", "--life", "nan"], "life must be a finite number above 0, got nan"),
-        (["greedy", "--life", "1e300"], "life must be at most"),
         (["greedy", "--seed", "-1"], "seed must not be negative, got -1"),
         (["greedy", "--noise", "-1"], "concentration_noise must be a finite number of at least 0"),
-        (["greedy", "--noise", "nan"], "concentration_noise must be a finite number"),
         (["greedy", "--noise", "0,much"], "--noise must be numbers, separated by commas, got '0,much'"),
-        (["greedy", "--noise", "0,0.1,"], "--noise must be numbers, separated by commas, got '0,0.1,'"),
         (["greedy", "--noise", "0.1,0.1"], "levels of noise must be at least one, and rise"),
-        (["greedy", "--noise", "0", "--noise", "-1"], "concentration_noise must be a finite number"),
         (["greedy", "--noise", "0", "--noise-kind", "curvatur"], "did you mean 'curvature'?"),
-        (
-            ["greedy", "--noise", "0,1", "--noise-kind", "heat"],
-            "kind must be one of concentration, curvature",
-        ),
         (["greedy", "--noise-kind", "curvature"], "--noise-kind must come with --noise"),
         (["greedy", "--noise", "0,0.1", "--out", "taken"], "taken must be a new or an empty folder"),
-        (
-            ["policy.safetensors", "--experiment", "linear_n8"],
-            "policy must fit what the world's cells observe",
-        ),
+        (["policy.safetensors", "--experiment", "linear_n8"], "must fit what the world's cells observe"),
         (["greedy", "--out", "taken"], "taken must be a new or an empty folder"),
         (["greedy", "--out", "/dev/null/out", "--cells", "2", "--life", "2"], "/dev/null"),
         (["pickle.safetensors"], "it looks like a pickle"),
-        (["empty"], "empty/policy.safetensors"),
         (["/dev/zero"], "must be an ordinary file"),
     ],
 )
@@ -186,21 +159,18 @@ def test_evaluate_refuses_what_it_cannot_do(words, said):
 @pytest.mark.parametrize(
     "settings",
     [
-        [],
         "text",
-        {"world": []},
         {"world": {"n_records": -1}},
         {"world": {"_target_": "os.system"}},
         {"world": {"life": "${oc.env:HOME}"}},
         {"world": {"start_box": [[1e9, 1e9], [0, 0]]}},
         {"evaluation": {"cells": 0}},
-        {"evaluation": {"life": 1e300}},
         {"evaluation": {"field": "../../etc/passwd"}},
     ],
 )
 def test_evaluate_refuses_a_card_that_describes_no_world(settings):
     policy(settings=settings)
-    if settings in ([], "text"):
+    if settings == "text":
         assert run("evaluate", "policy.safetensors", "--life", "2", "--cells", "2")[0] == 0
     else:
         refused("evaluate", "policy.safetensors", "--life", "2")
@@ -238,16 +208,12 @@ def test_evaluate_keeps_the_noise_that_a_policy_was_trained_with():
         assert world_of(load_population(f"{out}/population.nc")).concentration_noise == expected
 
 
-# --- compare, watch, reproduce ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["nowhere"], "compare must name folders of runs, got nowhere"),
         (["unfinished"], "unfinished must be finished; to go on with it: swarm train resume=unfinished"),
         (["finished", "--cells", "0"], "cells must be a whole number"),
-        (["finished", "--seed", "-1"], "seed must not be negative"),
         (["finished", "--out", "finished"], "finished must be a new or an empty folder"),
     ],
 )
@@ -262,28 +228,18 @@ def test_compare_refuses_what_it_cannot_do(words, said):
     ("words", "said"),
     [
         (["greeedy", "--out", "a.gif"], "did you mean 'greedy'?"),
-        (["greedy", "--out", "a.xyz"], "a.xyz"),
         (["greedy", "--out", "nowhere/a.gif"], "nowhere"),
         (["greedy", "--out", "loop/a.gif"], "the folder of loop/a.gif must be there"),
         (["greedy", "--out", f"{'x' * 300}/a.gif"], "File name too long: xxx"),
         (["greedy", "--cells", "0", "--out", "a.gif"], "must be a whole number of at least 1, got 0"),
         (["greedy", "--life", "nan", "--out", "a.gif"], "life must be a finite number above 0"),
-        (["greedy", "--experiment", "nothing", "--out", "a.gif"], "experiment must be one of"),
-        (["greedy", "--seed", "-1", "--out", "a.gif"], "seed must not be negative"),
         (["greedy", "--out", "a.xyz"], "out must end in .gif, .mp4, .html, got a.xyz"),
         (["greedy", "--size", "2000", "--out", "a.gif"], "size must be at most 720 pixels"),
         (["greedy", "--size", "300", "--out", "a.html"], "size must come with a film"),
-        (["greedy", "--size", "300"], "size must come with a film"),
         (["nowhere.nc", "--out", "a.html"], "nowhere.nc holds no results of a population test: it is not"),
-        (
-            ["text.nc", "--out", "a.html"],
-            "text.nc holds no results of a population test: it must be a NetCDF",
-        ),
-        (["text.nc"], "out must end in .html, got None"),
+        (["text.nc", "--out", "a.html"], "holds no results of a population test: it must be a NetCDF"),
         (["text.nc", "--out", "a.gif"], "out must end in .html, got a.gif"),
-        (["text.nc", "--out", "text.nc"], "out must end in .html"),
         (["text.nc", "--life", "3", "--out", "a.html"], "--life must be left out, text.nc holds lives"),
-        (["text.nc", "--cells", "0", "--out", "a.html"], "cells must be a whole number of at least 1"),
     ],
 )
 def test_watch_refuses_what_it_cannot_do(words, said):
@@ -320,9 +276,7 @@ def test_reproduce_refuses_what_it_cannot_do(words, said):
         (["evaluate"], "missing argument 'policy'"),
         (["evaluate", "greedy", "--cells", "many"], "invalid value for '--cells'"),
         (["evaluate", "greedy", "--sells", "4"], "no such option: --sells"),
-        (["evaluate", "greedy", "extra"], "unexpected extra argument"),
         (["compare"], "missing argument 'run run ...'"),
-        (["watch"], "missing argument 'policy'"),
         (["reproduce"], "missing option '--out'"),
         (["check", "--fast"], "no such option"),
         (["trian"], "no such command 'trian'"),
@@ -332,14 +286,13 @@ def test_arguments_that_cannot_be_understood_are_named(words, said):
     assert said in usage(*words)
 
 
-# --- processes ----------------------------------------------------------------------------------------------
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1]), "OMP_NUM_THREADS": "1"}
 
 
-def process(*words):
+def process(*words, code=COMMAND[-1]):
     """A command in a process of its own."""
-    root = Path(cli.__file__).parents[1]
-    environment = os.environ | {"PYTHONPATH": str(root), "OMP_NUM_THREADS": "1"}
-    return subprocess.run([*COMMAND, *words], capture_output=True, text=True, env=environment)
+    command = [sys.executable, "-c", code, *words]
+    return subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT)
 
 
 def test_bad_input_ends_a_process_with_one_line_and_an_exit_code():
@@ -350,16 +303,9 @@ def test_bad_input_ends_a_process_with_one_line_and_an_exit_code():
 
 
 def test_a_folder_that_is_gone_is_said():
-    gone = Path("gone")
-    gone.mkdir()
-    script = f"import os; os.chdir({str(gone)!r}); os.rmdir(os.getcwd()); {COMMAND[-1]}"
-    root = Path(cli.__file__).parents[1]
-    done = subprocess.run(
-        [sys.executable, "-c", script, "train", "--show"],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYTHONPATH": str(root)},
-    )
+    Path("gone").mkdir()
+    code = f"import os; os.chdir('gone'); os.rmdir(os.getcwd()); {COMMAND[-1]}"
+    done = process("train", "--show", code=code)
     assert done.returncode == 2
     assert done.stderr == "swarm: the current folder must be there, but was removed: change to another\n"
 
@@ -387,12 +333,9 @@ def slowdown():
 @pytest.mark.slow
 def test_a_run_interrupted_by_ctrl_c_is_resumed_to_the_same_end(tmp_path):
     words = [*SHORT, "learning.epochs=40", "checkpoint_every=1000"]
-    root = Path(cli.__file__).parents[1]
-    environment = os.environ | {"PYTHONPATH": str(root), "OMP_NUM_THREADS": "1"}
     command = [*COMMAND, "train", "hydra.run.dir=run", *words]
-    with subprocess.Popen(
-        command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, env=environment
-    ) as child:
+    pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
+    with subprocess.Popen(command, **pipes, env=ENVIRONMENT) as child:
         until = time.monotonic() + 120
         while not runs.RunFolder(Path("run")).rows(runs.METRICS) and time.monotonic() < until:
             time.sleep(0.01)

@@ -1,7 +1,5 @@
 """Collecting: ε-greedy decisions, rollouts that chain, lives that end, random numbers by name."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from torchrl.data import Categorical
@@ -90,16 +88,6 @@ def test_cells_that_arrive_are_terminated():
     following = collect(made, 1.0, 100)["next"]
     assert following["terminated"].any()
     assert not (following["terminated"] & ~following["done"]).any()
-
-
-def test_rewards_telescope_to_the_gain_of_the_mean_record():
-    made = collector(life=20.0)
-    world = made.env.world
-    first = made.env.state.memory[..., 0].mean(-1)
-    rollout = collect(made, 0.5, 1000)
-    change = made.env.state.memory[..., 0].mean(-1) - first
-    total = rollout["next", "reward"].sum(0).flatten()
-    assert torch.allclose(total, change.flatten() * world.n_records * world.reward_scale, atol=1e-3)
 
 
 def test_a_seed_explores_the_same_alone_and_in_a_stack():

@@ -1,7 +1,5 @@
 """Runs side by side: which are one group, and what it is called."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,28 +1,17 @@
 """Settings: composed from files and words, checked before anything runs, every key with what it cannot be."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 
-import numpy as np
 import pytest
-import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trainers.settings.composition import SettingsError, names_of, settings_from, settings_from_stored
 from trainers.settings.schema import Settings
 
-EXPERIMENTS = [
-    "linear_n2",
-    "linear_n4",
-    "linear_n8",
-    "varying_speed",
-    "radial",
-    "taylor_green_aware",
-    "taylor_green_blind",
-]
+EXPERIMENTS = ["linear_n2", "linear_n4", "linear_n8", "varying_speed", "radial"]
+EXPERIMENTS += ["taylor_green_aware", "taylor_green_blind"]
 DEFAULTS = Settings().dotted()
 KEYS = [("dqn", key) for key in DEFAULTS] + [
     ("ppo", key) for key in Settings(algorithm="ppo").dotted() if key.startswith("learning.")
@@ -35,12 +24,7 @@ WRONG = {  # for a key of each type: of another type, of the wrong sign, size
     str: ["no such thing", "", 5, None, ["linear"], {}],
     list: ["abc", 3, [], ["abc"], [-1, 2], [float("nan"), 1], None, {}, [[1], [2]]],
 }
-# what only looks wrong
-RIGHT = [
-    ("evaluation.field", None),
-    ("world.sensor", None),
-    ("world.start_box", None),
-]  # what only looks wrong
+RIGHT = [("evaluation.field", None), ("world.sensor", None), ("world.start_box", None)]  # only look wrong
 FREE = ("experiment", "recipe", "algorithm")  # any printable text: the name of the run; and what chooses keys
 UNBOUNDED = ("noise", "diffusion", "learning_rate", "decay", "entropy", "weight", "max_gradient")
 
@@ -102,9 +86,7 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
     ("word", "said"),
     [
         ("+foo=1", "a setting must be written key=value, got '+foo=1'"),
-        ("++seed=1", "a setting must be written key=value"),
         ("~seed", "a setting must be written key=value, got '~seed'"),
-        ("seed", "a setting must be written key=value, got 'seed'"),
         ("=1", "a setting must be written key=value"),
         ("--seed=1", "a setting must be written key=value"),
         ("", "a setting must be written key=value, got ''"),
@@ -114,44 +96,31 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
         ("_target_=os.system", "settings have no key '_target_'"),
         ("experiment=linear_4", "got 'linear_4'; did you mean 'linear_n4'?"),
         ("experiment=", "experiment must be one of linear_n2"),
-        ("experiment=3", "experiment must be one of"),
         ("experiment=[linear_n2,linear_n4]", "experiment must be one of"),
         ("experiment=../../secret", "experiment must be one of"),
         ("recipe=papers", "recipe must be one of paper, swarm, got 'papers'; did you mean 'paper'?"),
         ("tuning=nothing", "tuning must be one of"),
         ("seed=-1", "seed must be at least 0, got -1"),
-        ("seed=1.5", "seed must be a whole number, got 1.5"),
         ("seed=abc", "seed must be a whole number, got 'abc'"),
         ("seed=0,1", "seed"),
-        ("seed=null", "seed"),
         ("seed=???", "seed"),
         ("seed=${seed}", "seed"),
         ("seed=${nothing}", "seed"),
         ("seed=99999999999999999999", "seed must be at most 9223372036854775807"),
         ("evaluate=yes", "evaluate must be true or false, got 'yes'"),
-        ("world.sense_flow=1", "world.sense_flow must be True or False, got 1"),
         ("world.sense_flow=true", "world.sense_flow needs a flow"),
-        ("world.n_records=1", "world.n_records must be a whole number of at least 2, got 1"),
         ("world.curvatures=[5.0,3.0]", "world.curvatures must rise and be positive, got (5.0, 3.0)"),
-        (
-            "world.curvatures=[3.0",
-            "the value cannot be read, other signs than letters need quotes, got 'world.curvatures=[3.0'",
-        ),
-        ("world.field=linaer", "world.field must be one of"),
+        ("seed=[3", "the value cannot be read, other signs than letters need quotes, got 'seed=[3'"),
         ("world.flow=taylor-green", "did you mean 'taylor_green'?"),
         ("world.start_box=[[0,1e9],[0,1]]", "world.start_box must lie within"),
         ("learning.hidden=[]", "learning.hidden must be a list of at least 1 of them, got []"),
         ("learning.hidden=[5000]", "learning.hidden must be at most 15 layers of at most 4096 nodes"),
         ("learning.hidden=[4096,4096]", "learning.hidden must make a policy of at most"),
-        (
-            "learning.epsilon_start=0.01",
-            "learning.epsilon_end must not be above epsilon_start",
-        ),
+        ("learning.epsilon_start=0.01", "learning.epsilon_end must not be above epsilon_start"),
         ("learning.target_rate=0", "learning.target_rate must be above 0, got 0"),
         ("learning.discount=1.5", "learning.discount must be at most 1, got 1.5"),
         ("validation.life=1e300", "validation.life must be at most"),
         ("evaluation.life=1e300", "evaluation.life must be at most"),
-        ("evaluation.seed=-1", "evaluation.seed must be at least 0, got -1"),
         ("threads=100000", "threads must be at most 1024, got 100000"),
         ("device=gpu", "device must be cpu, mps, cuda or cuda:N, got 'gpu'"),
         ("compile=maybe", "compile must be one of always, auto, never, got 'maybe'"),
@@ -219,25 +188,3 @@ def test_parts_of_a_world_have_parameters_of_which_all_are_stored():
     }
     assert made.evaluation.field["egg_radius"] == made.test_world().egg[1]
     assert settings_from_stored(dataclasses.asdict(made)) == made
-
-
-def test_data_of_a_run_are_found_again_near_it_or_said_to_be_missing(tmp_path, monkeypatch):
-    near = tmp_path / "project" / "runs" / "mine"
-    near.mkdir(parents=True)
-    monkeypatch.chdir(tmp_path / "project")
-    axis = np.arange(5.0)
-    plane = xr.DataArray(axis + axis[:, None], {"x": axis, "y": axis}, ("x", "y"), "c")
-    plane.to_netcdf("my.nc", engine="h5netcdf")
-    made = settings_from(["world.field={type: gridded, path: my.nc, edges: clamped}"])
-    assert made.world["field"]["shape"] == [5, 5]
-    stored = dataclasses.asdict(made)
-    assert settings_from_stored(stored, near) == made
-    monkeypatch.chdir(tmp_path)
-    found = settings_from_stored(stored, near)
-    assert found.world["field"] == made.world["field"] | {"path": str(tmp_path / "project" / "my.nc")}
-    (2 * plane).rename("c").to_netcdf(tmp_path / "project" / "my.nc", engine="h5netcdf")
-    with pytest.raises(SettingsError, match=r"world.field: data must be the file my.nc with SHA-256"):
-        settings_from_stored(stored, near)
-    (tmp_path / "project" / "my.nc").unlink()
-    with pytest.raises(SettingsError, match=r"world.field: data must be a file that exists"):
-        settings_from_stored(stored, near)

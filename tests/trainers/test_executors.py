@@ -1,7 +1,5 @@
 """Work in processes of its own: results, crashes, interruption, and no process left behind."""
 
-from __future__ import annotations
-
 import math
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """Exact resume: a run that crashes anywhere and goes on ends as the run that never crashed, bit for bit."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
