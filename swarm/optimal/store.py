@@ -119,6 +119,6 @@ def shown_progress(title: str) -> Iterator[Any]:
     from swarm._support.terminal import Progress
 
     with Progress(title, 1.0) as bar:
-        if not bar.live:
+        if bar.disable:
             bar.say(f"{title}: computing it once, which may take a minute or two")
         yield bar.show
