@@ -1,4 +1,4 @@
-"""What every test module shares: one fixture of array libraries, and Hypothesis without a clock."""
+"""What every test shares: array libraries, registries that forget, and Hypothesis without a clock."""
 
 import importlib
 import importlib.util
@@ -6,6 +6,8 @@ import os
 
 import hypothesis
 import pytest
+
+import swarm
 
 hypothesis.settings.register_profile("default", deadline=None, derandomize=True)
 hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000)
@@ -31,3 +33,11 @@ def xp(request):
     if request.param == "jax":
         importlib.import_module("jax").config.update("jax_enable_x64", True)
     return importlib.import_module(LIBRARIES[request.param])
+
+
+@pytest.fixture(autouse=True)
+def forgetful(monkeypatch):
+    """What one test registers is unknown to the next."""
+    for registry in (swarm.fields, swarm.flows, swarm.sensors, swarm.rewards):
+        for kept in ("_kinds", "_renamed"):
+            monkeypatch.setattr(registry, kept, dict(getattr(registry, kept)))

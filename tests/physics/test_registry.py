@@ -21,12 +21,6 @@ class Ridge:
 """
 
 
-@pytest.fixture(autouse=True)
-def forgetful(monkeypatch):
-    for registry in (FIELDS, FLOWS):
-        monkeypatch.setattr(registry, "_kinds", dict(registry._kinds))
-
-
 @pytest.fixture
 def install(tmp_path, monkeypatch):
     """Installs the module `mine`, and a package with entry points of fields."""
