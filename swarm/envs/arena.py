@@ -13,7 +13,7 @@ from gymnasium.logger import warn
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
 from swarm._support.checks import check_count, check_name
-from swarm.physics.starts import Draws, Starts, draw_noise, draw_starts
+from swarm.physics.starts import Draws, Starts, draw_noise, draw_record_noise, draw_starts
 from swarm.physics.world import Outcome, State, World
 
 RENDER_MODES = ["human", "rgb_array"]
@@ -90,7 +90,7 @@ class Arena:
         options = options or {}
         position = self._option(options, "position", starts.position)
         heading = self._option(options, "heading", starts.heading)
-        state = self.world.start(position, heading, starts.past)
+        state = self.world.start(position, heading, starts.past, self._record_noise(seed, episode))
         observation = self.world.observation(state)
         gain = np.zeros(self.n_swimmers, self.dtype)
         self._check_finite(state, observation, gain)
@@ -133,13 +133,20 @@ class Arena:
     def _starts(self, seed: int, episode: int) -> Starts:
         return draw_starts(self.world, self.n_swimmers, seed, population=POPULATION, episode=episode)
 
+    def _record_noise(self, seed: int, episode: int) -> np.ndarray | None:
+        where = {"population": POPULATION, "episode": episode}
+        noise = draw_record_noise(self.world, self.n_swimmers, seed, **where)
+        return None if noise is None else noise.astype(self.dtype)
+
     def _begun(self, episode: int) -> tuple[State, np.ndarray]:
         """State and last action of all cells at the beginning of an episode."""
         if episode not in self._fresh:
             assert self.seed is not None
             starts = self._starts(self.seed, episode)
             position, heading = starts.position.astype(self.dtype), starts.heading.astype(self.dtype)
-            self._fresh[episode] = (self.world.start(position, heading, starts.past), starts.past[:, 0])
+            noise = self._record_noise(self.seed, episode)
+            begun = self.world.start(position, heading, starts.past, noise)
+            self._fresh[episode] = (begun, starts.past[:, 0])
         return self._fresh[episode]
 
     def table(self) -> np.ndarray:

@@ -18,7 +18,7 @@ from swarm._support.arrays import namespace, where_chosen
 from swarm._support.checks import check_count, check_name
 from swarm._support.compiler import compiled
 from swarm.envs.arena import make_world, with_parameters
-from swarm.physics.starts import Draws, draw_noise, draw_starts
+from swarm.physics.starts import Draws, draw_noise, draw_record_noise, draw_starts
 from swarm.physics.world import Outcome, State, World
 
 GROUP = "swimmers"
@@ -121,18 +121,23 @@ class SwarmEnv(EnvBase):
         chosen = np.ones(self.n_worlds, bool) if worlds is None or self._state is None else np.asarray(worlds)
         self.episode[chosen] += 1
         self.decision[chosen] = 0
-        position = np.zeros((self.n_worlds, self.n_swimmers, 2))
-        heading = np.zeros((self.n_worlds, self.n_swimmers))
-        past = np.zeros((self.n_worlds, self.n_swimmers, self.world.n_records), np.int64)
+        whole = (self.n_worlds, self.n_swimmers)
+        position, heading = np.zeros((*whole, 2)), np.zeros(whole)
+        past = np.zeros((*whole, self.world.n_records), np.int64)
+        noise = [np.zeros(past.shape)] if self.world.concentration_noise > 0 else []
         cells = self.n_worlds // len(self.seeds) * self.n_swimmers  # of each seed
         blocks = np.split(np.arange(self.n_worlds), len(self.seeds))
         for seed, block in zip(self.seeds, blocks, strict=True):
             for episode in np.unique(self.episode[block[chosen[block]]]).tolist():
                 members = block[chosen[block] & (self.episode[block] == episode)]
-                starts = draw_starts(self.world, cells, seed, population=self.population, episode=episode)
-                for whole, part in zip((position, heading, past), starts, strict=True):
-                    whole[members] = part.reshape(len(block), *whole.shape[1:])[members - block[0]]
-        return self._begin(self.world.start(*map(self._array, (position, heading, past))), chosen)
+                given: dict[str, Any] = {"population": self.population, "episode": episode}
+                starts: tuple[Any, ...] = draw_starts(self.world, cells, seed, **given)
+                if noise:
+                    starts = (*starts, draw_record_noise(self.world, cells, seed, **given))
+                for every, part in zip((position, heading, past, *noise), starts, strict=True):
+                    every[members] = part.reshape(len(block), *every.shape[1:])[members - block[0]]
+        fresh = self.world.start(*map(self._array, (position, heading, past, *noise)))
+        return self._begin(fresh, chosen)
 
     def place(self, position: Tensor, heading: Tensor, past: Tensor) -> Tensor:
         """Start every cell at given poses (worlds, cells, ...); returns the observations."""

@@ -117,6 +117,8 @@ class Parameters(Checked):
     concentration_noise: float = parameter(0.0, check_number, at_least=0.0)
     curvature_noise: float = parameter(0.0, check_number, at_least=0.0)
     rotational_diffusion: float = parameter(0.0, check_number, at_least=0.0)
+    # D that kicks of the curvature give the heading whatever N_T, see `curvature_spreads` [rad² / time]
+    curvature_diffusion: float = parameter(0.0, check_number, at_least=0.0)
     sensor: Sensor = parameter(None, optional(check_sensor))  # what a record holds; None: see `sense_flow`
     reward: Reward = parameter("own", check_reward)
 
@@ -138,7 +140,17 @@ class Parameters(Checked):
             raise ValueError(
                 f"mean curvature × speed must lie between 1e-9 and 1e9 rad per time, got {rates}"
             )
-        _ = self.swimmer.scheme  # raises where intervals cannot be counted or the flow varies too fast
+        for name, part in (("field", self.field), ("flow", self.flow)):
+            times = getattr(part, "times", None)
+            if times is not None and not times[0] <= 0.0 <= self.life <= times[1]:
+                raise ValueError(
+                    f"{name} must have data for all times from 0 to the life {self.life:g}, "
+                    f"or outside_time='held', got {times[0]:g} to {times[1]:g}"
+                )
+        try:
+            _ = self.swimmer.scheme  # raises where intervals cannot be counted or the flow varies too fast
+        except ArithmeticError:
+            raise ValueError(f"flow must vary slowly enough to be followed, got {self.flow!r}") from None
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -222,7 +234,20 @@ class Parameters(Checked):
     @cached_property
     def has_noise(self) -> bool:
         """Whether any perturbation is on, so that `step` needs noise."""
-        return max(self.concentration_noise, self.curvature_noise, self.rotational_diffusion) > 0
+        noises = self.concentration_noise, self.curvature_noise, self.rotational_diffusion
+        return max(*noises, self.curvature_diffusion) > 0
+
+    @cached_property
+    def curvature_spreads(self) -> tuple[float, ...]:
+        """Standard deviation of the curvature swum with each action [1 / length].
+
+        A kick of the curvature turns the heading by v ΔT times as much: with the variance 2 D / (v² ΔT) that
+        is a variance of 2 D ΔT in an interval, so 2 D t in a time t however often cells decide, as rotational
+        diffusion has it. That of `curvature_noise`, which is the same for each N_T, is added.
+        """
+        pairs = zip(self.action_speeds, self.intervals, strict=True)
+        variances = (2 * self.curvature_diffusion / (v * v * interval) for v, interval in pairs)
+        return tuple(math.sqrt(self.curvature_noise**2 + each) for each in variances)
 
     @cached_property
     def in_flow(self) -> bool:

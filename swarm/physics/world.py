@@ -6,6 +6,8 @@ axes (..., cells) work alike. Randomness comes in as arrays.
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -58,11 +60,13 @@ class World(Parameters):
     what a decision does.
     """
 
-    def start(self, position: Array, heading: Array, past: Array) -> State:
+    def start(self, position: Array, heading: Array, past: Array, noise: Array = None) -> State:
         """The state at t = 0 with a memory full of true records.
 
         `position` (..., cells, 2), `heading` (..., cells) [rad], `past` (..., cells, N_T) actions, newest
-        first: the cell swam the newest N_T − 1 of them to its pose, the oldest is only recorded. Raises
+        first: the cell swam the newest N_T − 1 of them to its pose, the oldest is only recorded. A past ends
+        where it would come from outside the domain: before, the cell has waited there. `noise` (..., cells,
+        N_T) are standard normal numbers for `concentration_noise`, without which records are exact. Raises
         ValueError on wrong shapes and, where values are known (not inside a jax trace), on a start that is
         not finite, lies outside the field's or the flow's domain, has no finite concentration or whose past
         holds unknown actions; the cell is named.
@@ -84,9 +88,11 @@ class World(Parameters):
         for i in range(self.n_records):
             curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
             sensed = self.field.concentration(pose.position)
+            if self.concentration_noise > 0 and noise is not None:
+                sensed = sensed + self.concentration_noise * noise[..., i]
             records.append(self._record(pose, sensed, self.normal_curvature(curvature), finished, count))
             if i < self.n_records - 1:
-                pose = self.swimmer.swim_back(pose, curvature, speed, interval)
+                pose, _ = self._kept(self.swimmer.swim_back(pose, curvature, speed, interval), pose)
         if len(records[0]) != self.features:
             names = ", ".join(self.sensor.names)
             raise ValueError(f"sensor must record a number for each of {names}, got {len(records[0])}")
@@ -125,7 +131,8 @@ class World(Parameters):
             )
 
     def step(self, state: State, action: Array, noise: Array = None) -> tuple[State, Outcome]:
-        """One decision of every cell, whatever its length; a finished cell stays where it is.
+        """One decision of every cell, whatever its length; a finished cell stays where it is, and one that
+        leaves the domain where it was before: fields and flows are not asked outside.
 
         `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed
         when a perturbation is on. Pure: `state` is left as it was.
@@ -133,24 +140,40 @@ class World(Parameters):
         if self.has_noise:
             self._check_noise(state, noise)
         over = state.finished if self._ends_early or not self.clock.has_common_tick else None
-        kick = self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
+        kick = self._kick(action, noise)
         interval = self.swimmer.next_interval(state.clock, action, over, kick, state.position)
         pose, path = self.swimmer.swim(state.pose, interval)
         if self.rotational_diffusion > 0:
             xp = namespace(noise)
             turn = noise[..., 2] * (2 * self.rotational_diffusion * interval.length) ** 0.5
             pose = Pose(pose.position, unit(*turned(components(pose.heading), xp.cos(turn), xp.sin(turn))))
+        swum, (pose, left) = pose, self._kept(pose, state.pose)
         concentration = sensed = self.field.concentration(pose.position)
         if self.concentration_noise > 0:
             sensed = concentration + self.concentration_noise * noise[..., 0]
         newest = self._record(pose, sensed, interval.curvature, state.finished, interval.count)
         memory, observation = perception.renew(state.memory, newest)
-        terminated, truncated, finished = self._ends(state, action, kick, interval, pose, path)
+        terminated, truncated, finished = self._ends(state, action, kick, interval, swum, path, left)
         start_concentration = state.start_concentration
         after = State(*pose, memory, interval.count, start_concentration, finished)
         ends = terminated, truncated, concentration - start_concentration
         reward = self.reward.reward(self, state, after, Outcome(observation, None, *ends))
         return after, Outcome(observation, reward, *ends)
+
+    def _kick(self, action: Array, noise: Array | None) -> Array | None:
+        """What is added to the curvature (..., cells) [1 / length]."""
+        if self.curvature_diffusion > 0:
+            return look_up(as_array(np.asarray(self.curvature_spreads), noise), action) * noise[..., 1]
+        return self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
+
+    def _kept(self, pose: Pose, before: Pose) -> tuple[Pose, Array | None]:
+        """The pose, or where it lies outside a domain the one before, and where that is so."""
+        if not self.domains:
+            return pose, None
+        inside = functools.reduce(operator.and_, (each(pose.position) for each in self.domains))
+        where, pairs = namespace(pose.position).where, zip(pose, before, strict=True)
+        parts = (zip(components(new), components(old), strict=True) for new, old in pairs)
+        return Pose(*(join(*(where(inside, *pair) for pair in part)) for part in parts)), ~inside
 
     def _check_noise(self, state: State, noise: Array | None) -> None:
         needed = (*state.finished.shape, NOISE_CHANNELS)
@@ -195,13 +218,20 @@ class World(Parameters):
         return bool(getattr(self.sensor, "needs_time", False))
 
     def _ends(
-        self, state: State, action: Array, kick: Array, interval: Interval, pose: Pose, path: Array | None
+        self,
+        state: State,
+        action: Array,
+        kick: Array,
+        interval: Interval,
+        pose: Pose,
+        path: Array | None,
+        left: Array | None,
     ) -> tuple[Array, Array, Array]:
         """Which cells have arrived, which are out of time or of the domain, and whose lives are over."""
         truncated = finished = self.clock.is_up(interval.count)
         terminated = nowhere(finished)
-        for inside in self.domains:
-            truncated = truncated | ~inside(pose.position)
+        if left is not None:
+            truncated = truncated | left
         if self.egg is not None:
             centre, radius = self.egg
             if path is None:

@@ -17,7 +17,7 @@ from swarm.policies.policy import AnyPolicy
 from swarm.policies.policy_file import POLICY_FILE, PolicyError
 from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
-from swarm.population.results import RIVAL
+from swarm.population.results import RIVAL, data_of
 from swarm.population.statistics import statistics
 
 if TYPE_CHECKING:
@@ -118,6 +118,8 @@ def summarise(
         "versions": provenance.versions(),
         "commit": provenance.commit(),
     }
+    if data := data_of(results):
+        summary["data"] = data
     if results["arrived"].values.any():
         summary["arrived"] = int(results["arrived"].sel(policy=label).sum())
     return summary

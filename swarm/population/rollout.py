@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarm._support import streams
-from swarm.physics.starts import Draws, Starts, draw_chance, draw_noise
+from swarm.physics.starts import Draws, Starts, draw_chance, draw_noise, draw_record_noise
 from swarm.physics.world import Outcome, State, World
 from swarm.policies.policy import AnyPolicy, begin, decide
 
@@ -35,8 +35,10 @@ def rollout(
     A policy with a state of its own gets it from decision to decision. Random numbers are those of the
     `population`'s seed and episode, cell by cell, whatever the policy.
     """
-    state = world.start(*starts)
     cells = len(starts.heading)
+    state = world.start(
+        *starts, draw_record_noise(world, cells, seed, population=population, episode=episode)
+    )
     chance, noise = (
         Draws(draw, (1, cells), (seed,), population=population) for draw in (draw_chance, draw_noise)
     )

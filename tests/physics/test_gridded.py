@@ -142,16 +142,20 @@ def test_beyond_a_clamped_edge_the_value_at_the_edge_goes_on(xp, interpolation):
 
 
 def test_a_cell_that_leaves_a_clamped_grid_is_truncated(xp):
-    world = World(field=on_grid(LinearField(), 5, "clamped", size=(2.0, 2.0)))
+    field = on_grid(LinearField(), 5, "clamped", size=(2.0, 2.0))
+    world = World(field=field)
     assert world.box == ((0.0, 2.0), (0.0, 2.0))
     position, heading, past = draw_starts(world, 40, 0)
     state = world.start(array(xp, position), array(xp, heading), array(xp, past, xp.int64))
+    left = np.zeros(40, bool)
     for turn in range(20):
+        before, over = to_numpy(state.position), left
         state, outcome = world.step(state, array(xp, np.full(40, turn % 2), xp.int64))
-        places = to_numpy(state.position)
-        outside = np.any((places < 0) | (places > 2), axis=-1)
-        np.testing.assert_array_equal(to_numpy(outcome.truncated), outside)
-    assert 0 < outside.sum() < 40
+        left = over | to_numpy(outcome.truncated)
+        np.testing.assert_array_equal(np.all(to_numpy(state.position) == before, axis=-1), left)
+        assert np.all(to_numpy(field.inside(state.position)))
+        np.testing.assert_array_equal(to_numpy(state.finished), left)
+    assert 0 < left.sum() < 40
 
 
 def test_a_start_outside_a_clamped_grid_is_an_error_and_on_a_periodic_one_it_is_not(xp):

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from swarm.figures.watch import states
-from swarm.physics.starts import NOISE_BLOCK, Draws, draw_chance, draw_noise, draw_starts
+from swarm.physics.starts import NOISE_BLOCK, Draws, draw_chance, draw_noise, draw_record_noise, draw_starts
 from swarm.physics.world import World
 from swarm.policies.policy import CarryingPolicy, Policy
 from swarm.policies.strategies import Random, Swinging
@@ -52,13 +52,14 @@ def test_a_life_goes_from_its_start_to_the_end_of_the_last_cell():
 
 def test_every_decision_takes_the_random_numbers_of_its_block_and_episode():
     world = World(life=25.0, **NOISY)
-    starts = draw_starts(world, 4, 5, population="validation", episode=2)
-    state = world.start(*starts)
-    played = list(rollout(world, Random(), starts, 5, population="validation", episode=2))
+    where = {"population": "validation", "episode": 2}
+    starts = draw_starts(world, 4, 5, **where)
+    state = world.start(*starts, draw_record_noise(world, 4, 5, **where))
+    played = list(rollout(world, Random(), starts, 5, **where))
     assert len(played) > NOISE_BLOCK + 2
     for decision, moment in enumerate(played[1:]):
         block, turn = divmod(decision, NOISE_BLOCK)
-        options = {"population": "validation", "episode": 2, "block": block}
+        options = where | {"block": block}
         chance, noise = (draw(5, 4, NOISE_BLOCK, **options)[:, turn] for draw in (draw_chance, draw_noise))
         state, _ = world.step(state, Random().act(world, state, chance), noise)
         for ours, theirs in zip(moment.state, state, strict=True):

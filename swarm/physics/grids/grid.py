@@ -203,7 +203,7 @@ def _times(arrays: Mapping[str, Any], reading: Reading) -> np.ndarray | None:
         return None
     if reading.outside_time is None:
         raise ValueError(f"outside_time must be one of {', '.join(OUTSIDE)} where data have a time, got None")
-    times = np.asarray(timed[0][TIME].values, np.float64)
+    times = np.array(timed[0][TIME].values, np.float64)
     axes.check_points(TIME, times, 2, "")
     if not np.all(np.diff(times) > 0):
         twice = times[:-1][np.diff(times) <= 0][0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -40,13 +40,17 @@ class Stored:
     def __init__(self, file: Any, bounded: _Bounded) -> None:
         self.file, self._bounded = file, bounded
 
+    def names(self) -> list[str]:
+        """Of what is at the top of the file."""
+        if len(self.file) > MAX_NAMES:
+            raise ValueError(f"it must hold at most {MAX_NAMES} variables, got {len(self.file)}")
+        return list(self.file)
+
     def variables(self) -> dict[str, Any]:
         """What is stored in the file itself, at its top."""
         import h5py
 
-        if len(self.file) > MAX_NAMES:
-            raise ValueError(f"it must hold at most {MAX_NAMES} variables, got {len(self.file)}")
-        own = [name for name in self.file if isinstance(self.file.get(name, getlink=True), h5py.HardLink)]
+        own = [name for name in self.names() if isinstance(self.file.get(name, getlink=True), h5py.HardLink)]
         return {name: self.file[name] for name in own if isinstance(self.file[name], h5py.Dataset)}
 
     def numbers(self, item: Any) -> np.ndarray:
@@ -106,6 +110,44 @@ def attribute(item: Any, name: str) -> Any:
         raise ValueError(f"attribute {name} must be text or numbers, got {dtype}")
     value = item.attrs[name]
     return as_text(value) if dtype.kind in "SUO" else np.ravel(value)
+
+
+def check_texts(items: Iterable[Any], at_most: int) -> None:
+    """Raises ValueError unless all attributes, and texts that are stored as numbers are, make up no more
+    bytes than that.
+    """
+    total = 0
+    for item in items:
+        if len(item.attrs) > MAX_NAMES:
+            raise ValueError(f"it must have at most {MAX_NAMES} attributes, got {len(item.attrs)}")
+        for name in item.attrs:
+            about = item.attrs.get_id(name)
+            size = math.prod(about.shape or (0,))
+            if about.dtype.kind == "O" and not _is_text(about.dtype):  # references to dimensions
+                if size > MAX_ATTRIBUTE:
+                    raise ValueError(f"attribute {name} must have at most {MAX_ATTRIBUTE} values, got {size}")
+            elif about.dtype.kind == "O":
+                total += len(attribute(item, name) or "")
+            else:
+                total += size * about.dtype.itemsize
+        if item.name != "/" and item.dtype.kind == "O":
+            if not _is_text(item.dtype) or item.size > MAX_NAMES:
+                raise ValueError(f"{item.name} must hold at most {MAX_NAMES} texts, got {item.size}")
+            for place in np.ndindex(item.shape):
+                total += len(item[place])
+                _check_total(total, at_most)
+        _check_total(total, at_most)
+
+
+def _is_text(dtype: np.dtype) -> bool:
+    import h5py
+
+    return h5py.check_string_dtype(dtype) is not None
+
+
+def _check_total(total: int, at_most: int) -> None:
+    if total > at_most:
+        raise ValueError(f"its texts must have at most {at_most} bytes in all, got {total} or more")
 
 
 def as_text(value: Any) -> str:

@@ -106,15 +106,17 @@ class Interpolant:
             return x, y, (number, min(max((time - begin) / (end - begin), 0.0), 1.0))
         xp = namespace(x)
         time = xp.astype(as_array(time, x) if isinstance(time, np.ndarray) else time, x.dtype)
-        x, y, time = xp.broadcast_arrays(x, y, time)
         times = self._moments.like(x)[0]
-        flat = xp.searchsorted(times, xp.reshape(time, (-1,)), side="right") - 1
+        flat = (
+            xp.searchsorted(times, xp.reshape(time, (-1,)) * 1, side="right") - 1
+        )  # torch wants it in one piece
         number = xp.reshape(xp.astype(xp.clip(flat, 0, last), xp.int32), time.shape)
         begin, end = look_up(times, number), look_up(times, number + 1)
         share = (time - begin) / (end - begin)
         held = xp.clip(share, 0.0, 1.0)
         if self._outside_time == "error":  # which has been refused where it is known
             held = xp.where((share >= 0) & (share <= 1), held, xp.nan)
+        x, y, number, held = xp.broadcast_arrays(x, y, number, held)
         return x, y, (number, held)
 
     # --- records --------------------------------------------------------------------------------------------

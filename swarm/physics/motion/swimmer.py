@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarm._support.arrays import as_array, look_up, namespace
+from swarm._support.arrays import as_array, join, look_up, namespace
 from swarm._support.compiler import unrolled
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc
 from swarm.physics.motion.clock import Clock, Ticks
-from swarm.physics.motion.collocation import Collocation
+from swarm.physics.motion.collocation import Collocation, velocity_and_spin
 
 Array = Any
 
@@ -127,9 +127,9 @@ class Swimmer:
         scheme = self.scheme
         if scheme is None:
             return along_arc(pose, Motion(*unrolled(interval.motion, 1))), None
-        weights = self.tables(pose.position).weights
+        weights, flow = self.tables(pose.position).weights, within(self.flow, pose.position)
         *motion, weights = unrolled((*interval.motion, weights), 0 if scheme.outputs else 2)
-        return scheme.swim(pose, Motion(*motion), interval.speed, interval.length, weights, self.flow)
+        return scheme.swim(pose, Motion(*motion), interval.speed, interval.length, weights, flow)
 
     def swim_back(self, pose: Pose, curvature: Array, speed: Array, length: Array) -> Pose:
         """The pose one interval before, by the same scheme: it must not depend on which cells there are."""
@@ -137,4 +137,28 @@ class Swimmer:
             return along_arc(pose, arc(curvature, speed, -length))
         scheme = dataclasses.replace(self.scheme, outputs=0)
         motions = scheme.motions(curvature, speed, -length)
-        return scheme.swim(pose, motions, speed, -length, as_array(scheme.weights, length), self.flow)[0]
+        weights, flow = as_array(scheme.weights, length), within(self.flow, pose.position)
+        return scheme.swim(pose, motions, speed, -length, weights, flow)[0]
+
+
+class Within:
+    """A flow that is asked in its domain only: for a place outside it answers as for where the cell comes
+    from.
+    """
+
+    def __init__(self, flow: Flow, position: Array) -> None:
+        """`position` (..., cells, 2) lies in the domain."""
+        self._flow, self._origin = flow, (position[..., 0], position[..., 1])
+        if hasattr(flow, "at"):
+            self.at = lambda time: Within(flow.at(time), position)
+
+    def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """u_x, u_y and ω₀ (...) at the places (x, y)."""
+        inside, where = self._flow.inside(join(x, y)), namespace(x).where  # type: ignore[attr-defined]
+        x, y = (where(inside, *pair) for pair in zip((x, y), self._origin, strict=True))
+        return velocity_and_spin(self._flow, x, y)
+
+
+def within(flow: Flow, position: Array) -> Any:
+    """The flow as cells meet it that come from `position` (..., cells, 2)."""
+    return flow if getattr(flow, "inside", None) is None else Within(flow, position)
