@@ -1,5 +1,6 @@
 """Data as people have them: order, periods, rounding, units, holes, time, noise of rounding."""
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -270,6 +271,112 @@ def test_a_field_and_a_flow_in_one_unit_differently_written_go_together():
 @pytest.mark.parametrize("text", ["m/(s)", "m . s-1", "m s^{-1}", "m/s", "METER/s", "m × s⁻¹"])
 def test_units_are_read_as_they_are_written(text):
     assert unit_of(text) == unit_of("m s-1")
+
+
+# --- files ---
+
+
+def written(path, edit, **encoding):
+    """A file of c = x² + y, edited as HDF5."""
+    dataset(TEN, TEN).to_netcdf(path, engine="h5netcdf", encoding={"c": encoding} if encoding else {})
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    return path
+
+
+def attributed(name, value, of="c", dtype=None):
+    def edit(file):
+        file[of].attrs.pop(name, None)
+        file[of].attrs.create(name, value, dtype=dtype)
+
+    return edit
+
+
+def unsigned(kind, text):
+    """c as unsigned bytes that are stored as signed ones."""
+
+    def edit(file):
+        file["c"][...] = np.round(file["c"][...] * 2)
+        values = (file["c"][...]).astype("u1").view("i1")
+        scales = list(file["c"].dims[0].values()), list(file["c"].dims[1].values())
+        del file["c"]
+        file["c"] = values
+        for dimension, found in zip(file["c"].dims, scales, strict=True):
+            dimension.attach_scale(found[0])
+        file["c"].attrs.create("_Unsigned", text, dtype=kind)
+        file["c"].attrs["scale_factor"] = 0.5
+
+    return edit
+
+
+VLEN, LATIN = h5py.string_dtype(), b"\xb5m"
+READABLE = {
+    "unsigned": (unsigned(VLEN, "true"), None),
+    "unsigned bytes": (unsigned("S4", b"true"), None),
+    "units of bytes": (attributed("units", np.bytes_(b"mm"), "x"), "mm"),
+    "units in an array of bytes": (attributed("units", np.array([b"mm"]), "x"), "mm"),
+    "units in an array of texts": (attributed("units", np.array(["mm"], object), "x", VLEN), "mm"),
+    "empty units": (attributed("units", h5py.Empty("S1"), "x"), None),
+    "blank units": (attributed("units", "", "x"), None),
+    "Latin-1": (attributed("units", np.bytes_(LATIN), "x"), "µm"),
+    "Latin-1 of any length": (attributed("units", LATIN, "x", VLEN), "µm"),
+    "several missing values": (attributed("missing_value", np.array([-1.0, -2.0])), None),
+    "a scale in an array": (attributed("scale_factor", np.array([1.0])), None),
+    "a scalar time": (lambda file: file.create_dataset("time", data=3.0), None),
+    "a time in words": (lambda file: file.create_dataset("time", data=["noon"], dtype=VLEN), None),
+}
+
+
+@pytest.mark.parametrize("name", READABLE)
+def test_files_are_decoded_as_xarray_does(tmp_path, name):
+    edit, unit = READABLE[name]
+    found = field(written(tmp_path / "my.nc", edit))
+    assert found.length_unit == unit
+    np.testing.assert_allclose(
+        found.concentration(PLACES), field(dataset(TEN, TEN)).concentration(PLACES), atol=1e-9
+    )
+
+
+def without_coordinate(file):
+    del file["x"]
+    scale = file.create_dataset("x", data=np.zeros(10, ">f4"))
+    scale.make_scale("This is a netCDF dimension but not a netCDF variable.        10")
+    file["c"].dims[0].attach_scale(scale)
+
+
+def replaced(name, **options):
+    def edit(file):
+        del file[name]
+        file.create_dataset(name, **options).make_scale(name)
+        file["c"].dims[0].attach_scale(file[name])
+
+    return edit
+
+
+REFUSED = {
+    "a dimension without coordinate": (without_coordinate, r"c must have the coordinate x, got \['y'\]"),
+    "coordinates of two dimensions": (
+        replaced("x", data=np.zeros((10, 10))),
+        r"x must have one dimension, got \(10, 10\)",
+    ),
+    "a scale in words": (attributed("scale_factor", "two"), "c must be decodable by .*two"),
+    "many numbers": (
+        attributed("add_offset", np.zeros(40)),
+        "attribute add_offset must have at most 16 values, got 40",
+    ),
+    "times as a unit": (attributed("units", "furlong-", "x"), "x: units must be names with whole powers"),
+    "missing": (
+        lambda file: file["c"].attrs.create("_FillValue", file["c"][3, 4]),
+        r"c must be finite everywhere, got nan at x = 2, y = 9",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_decoded_is_refused_by_name(tmp_path, name):
+    edit, message = REFUSED[name]
+    with pytest.raises(ValueError, match=message):
+        field(written(tmp_path / "my.nc", edit), variable="c")
 
 
 # --- holes ---

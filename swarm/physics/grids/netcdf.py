@@ -84,7 +84,11 @@ def _read(path: str | os.PathLike, names: Sequence[str] | None) -> Any:
             names = [name for name in names if name not in COORDINATES]
         for name in names:
             check_name("variable", name, [known for known in stored if known not in COORDINATES])
-        wanted = {name: stored[name] for name in (*names, *COORDINATES) if name in stored}
+        named = {name: _dimensions(name, stored[name]) for name in names}
+        axes = [
+            axis for axis in COORDINATES if axis in stored and any(axis in over for over in named.values())
+        ]
+        wanted = {name: stored[name] for name in (*names, *axes)}
         wanted = {name: item for name, item in wanted.items() if not _only_dimension(item)}
         for name, item in wanted.items():
             hdf5.check_stored(name, item, MAX_POINTS if name in COORDINATES else MAX_VALUES)
