@@ -147,6 +147,6 @@ def _mirrored(lines: np.ndarray) -> bool:
 
 
 def _seam(lines: np.ndarray) -> float:
-    """How far the first line is from what its neighbours make of it, where the grid begins again."""
-    guess = (4 * (lines[-1] + lines[1]) - lines[-2] - lines[2 % len(lines)]) / 6
-    return _distance(guess, lines[0])
+    """How much of the shortest waves a grid that begins again after its last line holds: a seam has many."""
+    waves = np.fft.rfft(lines - lines.mean(axis=0), axis=0) / len(lines)
+    return float((np.abs(waves[len(lines) // 4 :]) ** 2).sum())
