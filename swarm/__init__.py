@@ -10,6 +10,7 @@ import pettingzoo as _pettingzoo
 
 from swarm._support.provenance import __version__
 from swarm.envs.pettingzoo import parallel_env
+from swarm.physics.crowd.medium import Medium
 from swarm.physics.fields import FIELDS as fields
 from swarm.physics.fields import (
     DiffusingSource,
@@ -57,6 +58,7 @@ __all__ = [
     "GriddedField",
     "GriddedFlow",
     "LinearField",
+    "Medium",
     "Network",
     "Optimal",
     "PoiseuilleFlow",

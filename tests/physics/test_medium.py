@@ -318,7 +318,8 @@ def test_substeps_are_as_many_as_a_cell_passes_meshes_and_as_advection_needs():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS, ids=str)
+@pytest.mark.filterwarnings("ignore:`torch.jit:DeprecationWarning")  # torch's compiler uses it itself
+@pytest.mark.parametrize("kind", KINDS[2:5:2], ids=str)
 def test_torch_compiles_a_decision_in_one_piece(kind):
     torch = pytest.importorskip("torch")
     medium, (places, alive) = medium_of(**kind), crowd((2,))
@@ -338,9 +339,9 @@ def test_torch_compiles_a_decision_in_one_piece(kind):
 @pytest.mark.slow
 def test_py_pde_finds_the_same():
     pde = pytest.importorskip("pde", reason="py-pde is not installed")
-    nodes, duration = 64, 4.0
+    nodes, duration = 64, 2.0
     medium = Medium(
-        box=((0, 8), (0, 8)), shape=(nodes, nodes), diffusivity=0.05, decay=0.1, carried=True, uptake=0.5
+        box=((0, 8), (0, 8)), shape=(nodes, nodes), diffusivity=0.05, decay=0.1, carried=True, uptake=0.025
     )
     cell = np.array([[3.05, 5.02]])
     field = FunctionField(
@@ -360,7 +361,7 @@ def test_py_pde_finds_the_same():
         bc="periodic",
     )
     start = pde.ScalarField(grid, field.concentration(places).reshape(nodes, nodes))
-    found = equation.solve(start, duration, dt=2e-3, solver="runge-kutta", tracker=None)
-    np.testing.assert_allclose(state.grid, found.data, rtol=0, atol=2e-2)
-    far = np.hypot(*(places - cell).T).reshape(nodes, nodes) > 0.5
-    assert np.abs(state.grid - found.data)[far].max() < 3e-3
+    found = equation.solve(start, duration, dt=5e-3, solver="runge-kutta", tracker=None, backend="numpy")
+    error = np.abs(state.grid - found.data)  # of 2; theirs are differences of second order
+    assert error.max() < 2e-2
+    assert error[np.hypot(*(places - cell).T).reshape(nodes, nodes) > 0.5].max() < 3e-3

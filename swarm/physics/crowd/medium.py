@@ -245,8 +245,8 @@ class Medium(Checked):
         return xp.moveaxis(xp.reshape(velocity, (*velocity.shape[:-2], *self.shape, 2)), -1, 0)
 
     def _propagators(self, like: Array, part: Array) -> tuple[Array, Array]:
-        if isinstance(like, np.ndarray) and part.ndim == 0:
-            return _propagators_of(self, float(part), part.dtype.name)
+        if isinstance(like, np.ndarray) and part.size and part.min() == part.max():  # one for all worlds
+            return _propagators_of(self, float(part.min()), part.dtype.name)
         return self._propagators_for(like, part)
 
     def _propagators_for(self, like: Array, part: Array) -> tuple[Array, Array]:
@@ -305,7 +305,7 @@ class Medium(Checked):
         return self.amount(state.grid) + by_cells + state.decayed + state.outflow
 
 
-@functools.lru_cache(maxsize=64)  # few intervals differ; a quarter of a decision's time in NumPy
+@functools.lru_cache(maxsize=16)  # few intervals differ; a quarter of a decision's time in NumPy
 def _propagators_of(medium: Medium, part: float, dtype: str) -> tuple[Array, Array]:
     like = np.empty(0, dtype)
     return medium._propagators_for(like, np.asarray(part, dtype))
