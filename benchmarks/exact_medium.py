@@ -75,7 +75,7 @@ def frozen_sink(kernel: str, offset: tuple[float, float], meshes: float = 2.0) -
 PLACES = ((0.0, 0.0), (0.5, 0.5), (0.5, 0.0), (0.3, 0.1), (0.2, 0.4))
 
 
-@law("Frozen steady sink with turnover: c∞ − (J/2πD) K₀(r/ℓ), beyond 2 meshes", "c∞", 1e-3)
+@law("Frozen steady sink with turnover: c∞ − (J/2πD) K₀(r/ℓ), beyond 2 meshes, cubic kernel", "c∞", 1e-3)
 def frozen_sink_cubic() -> float:
     """Worst of several places within a mesh."""
     return max(frozen_sink("cubic", place) for place in PLACES)
@@ -85,6 +85,29 @@ def frozen_sink_cubic() -> float:
 def frozen_sink_linear() -> float:
     """Worst of several places within a mesh."""
     return max(frozen_sink("linear", place) for place in PLACES)
+
+
+def jitter(kernel: str) -> float:
+    """By how much what a frozen cell senses depends on its place within a mesh."""
+    medium = Medium(box=((0, 5), (0, 5)), shape=(64, 64), uptake=0.0116, decay=0.1, kernel=kernel)
+    sensed = []
+    for place in PLACES:
+        position = np.array([[2.5, 2.5]]) + np.array(place) * medium.mesh.spacing
+        state, _ = lived(medium, EVERYWHERE, lambda _, there=position: there, 20.0)
+        sensed.append(float(medium.sense(state, position, 1.0)[0]))
+    return max(sensed) - min(sensed)
+
+
+@law("What a frozen cell senses does not depend on its place within a mesh", "c∞", 2e-3)
+def jitter_cubic() -> float:
+    """With the kernel as shipped."""
+    return jitter("cubic")
+
+
+@law("The same, linear kernel", "c∞", 0.05)
+def jitter_linear() -> float:
+    """With two nodes per axis."""
+    return jitter("linear")
 
 
 def moving_sink(nodes: int, *, beyond: float | None = None, angle: float = 0.0) -> float:

@@ -51,6 +51,7 @@ def _fastest_wave(medium: Medium, flow: Flow) -> float:
     bound = getattr(flow, "max_speed", None)
     if bound is not None:
         return float(bound * np.hypot(*shortest))
+    flow = flow.at(0.0) if hasattr(flow, "at") else flow
     velocity = flow.velocity(medium.mesh.places(medium.mesh.corner(np.zeros(2))))
     return float((np.abs(velocity) @ shortest).max())
 
