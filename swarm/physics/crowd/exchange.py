@@ -24,9 +24,9 @@ class Exchange(NamedTuple):
 
     def at(self, substep: int) -> Exchange:
         """That of one substep, of arrays with a leading axis of them."""
-        *arrays, cells = self.seen
-        seen = Footprint(*(array[substep, ...] for array in arrays), cells)
-        return Exchange(seen, *(array[substep, ...] for array in self[1:]))
+        index, weight, place = (array[substep, ...] for array in self.seen[:3])
+        share, besides, given = (array[substep, ...] for array in self[1:])
+        return Exchange(Footprint(index, weight, place, self.seen.cells), share, besides, given)
 
     def of(self, grid: Array) -> tuple[Array, Array]:
         """The grid (..., nx, ny) afterwards, and what each cell took (..., cells), nodes added up."""

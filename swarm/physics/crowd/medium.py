@@ -205,8 +205,9 @@ class Medium(Checked):
                 if now is not flow:
                     flow, velocity = now, self._velocity(now, state)
                 if velocity is not None:
-                    slopes = [along.slope for along in self.waves(state.grid)]
-                    state = state._replace(grid=transport.advected(state.grid, velocity, *slopes, part))
+                    x, y = self.waves(state.grid)
+                    moved = transport.advected(state.grid, velocity, x.slope, y.slope, part)
+                    state = state._replace(grid=moved)
                 state = self._fed_on(state, meal)
         state = self._diffused(state, half, 0.5 * part)
         if self.leaving != "follow":
@@ -258,7 +259,7 @@ class Medium(Checked):
 
     def _diffused(self, state: MediumState, spread: tuple[Array, Array], part: Array) -> MediumState:
         xp, grid = namespace(state.grid), state.grid
-        if self.carried:  # a large mean would leave its rounding behind, in single precision most of all
+        if self.carried or grid.dtype == xp.float32:  # the rounding of a large mean would add up
             mean = xp.mean(grid, axis=(-2, -1), keepdims=True)
             grid = transport.diffused(grid - mean, spread) + mean
         else:

@@ -110,9 +110,10 @@ def _check_resolved(medium: Medium, field: Field, concentration: np.ndarray) -> 
     between = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     seen = medium.mesh.footprint(between, corner)
     error = np.abs(seen.by_cell(seen.weight * seen.read(concentration)) - field.concentration(between))
-    if getattr(field, "egg_radius", None) is not None:
+    radius = getattr(field, "egg_radius", None)
+    if radius is not None:
         centre = np.asarray(getattr(field, "egg_position", (0.0, 0.0)))
-        error = error[np.hypot(*(between - centre).T) > field.egg_radius]
+        error = error[np.hypot(*(between - centre).T) > radius]
     allowed = COARSE * field.gradient_scale * min(spacing)
     worst = float(error.max(initial=0.0))
     if worst > allowed:
