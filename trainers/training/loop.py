@@ -180,6 +180,7 @@ class Training:
         world, settings = self.env.world, dataclasses.asdict(self.settings)
         fraction = float(self._of_limit(self.best_gain)[place])
         return {
+            "algorithm": self.settings.algorithm,
             "experiment": self.settings.experiment,
             "recipe": self.settings.recipe,
             "seed": self.seeds[place],

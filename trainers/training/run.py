@@ -178,7 +178,8 @@ def draw(training: Training, run: RunFolder) -> None:
         greedy=float(training.validation.greedy.mean()),
         limit=None if limits is None else float(limits.mean()),
     )
-    figure = figures.training({figures.plain(training.settings.experiment): curve})
+    titled = {figures.plain(training.settings.experiment): curve}
+    figure = figures.training(titled, policy=training.settings.algorithm)
     figures.save(figure, run.path / runs.FIGURE)
 
 
