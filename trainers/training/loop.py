@@ -17,8 +17,7 @@ from torchrl import torchrl_logger
 from swarm._support import provenance
 from swarm.envs.torchrl import SwarmEnv
 from swarm.policies.network import Network
-from trainers.algorithms import ALGORITHMS
-from trainers.algorithms.base import Algorithm, worth_compiling
+from trainers.algorithms.base import learner_of, worth_compiling
 from trainers.algorithms.networks import exported
 from trainers.settings.schema import Settings
 from trainers.training.run_folder import RunError
@@ -52,7 +51,7 @@ class Training:
             compile_step=worth_compiling(settings, decisions, WORTH_COMPILING),
             world=world,
         )
-        self.algorithm: Algorithm = ALGORITHMS[settings.algorithm](self.env, settings)
+        self.algorithm = learner_of(settings)(self.env, settings)
         self.validation = Validation(world.replace(life=checked.life), checked.cells, self.seeds, device)
         self.epoch = 0
         self.decisions = 0
