@@ -45,7 +45,8 @@ class Network:
 
     The card says what it was made for: `n_records` (N_T), `features` (numbers per record) and `sensor`, the
     name of what takes the records (default: memory for 2, memory_with_flow for 5 features), and by which
-    `algorithm` it learnt (default: dqn); anything else that JSON can hold may follow. Raises PolicyError unless layers and card agree.
+    `algorithm` it learnt (default: dqn); anything else that JSON can hold may follow. Raises PolicyError
+    unless layers and card agree.
     """
 
     def __init__(self, weights: Sequence[Any], biases: Sequence[Any], card: dict[str, Any]) -> None:

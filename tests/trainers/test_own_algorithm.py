@@ -34,6 +34,7 @@ class Learner(DQN):
 POINTS = """[chemoswarm.algorithms]
 mine = its_settings:Settings
 nobody = its_settings:Nobody
+other = pathlib:Path
 broken = no_such_module:Settings
 """
 
@@ -69,11 +70,15 @@ def test_it_is_trained_resumed_tested_and_compared_by_its_name():
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["algorithm=min"], "algorithm must be one of broken, dqn, mine, nobody, ppo, got 'min'; did you mean"),
+        (
+            ["algorithm=min"],
+            "must be one of broken, dqn, mine, nobody, other, ppo, got 'min'; did you mean 'mine'?",
+        ),
         (["algorithm=mine", "learning.scale=0.0"], "learning.scale must be above 0, got 0.0"),
         (["algorithm=mine", "learning.scal=1.0"], "no key 'learning.scal'; did you mean 'learning.scale'?"),
         (["learning.scale=1.0"], "settings have no key 'learning.scale'"),
         (["algorithm=nobody"], "algorithm 'nobody' must have an Algorithm as learner, got 'json:dumps'"),
+        (["algorithm=other"], "must be registered by LearningSettings, got <class 'pathlib.Path'>"),
         (["algorithm=broken"], "swarm: algorithm 'broken' must be importable from no_such_module:Settings"),
     ],
 )

@@ -18,9 +18,8 @@ from trainers.algorithms.ppo import PPO, Sampling, clip_by_seed
 from trainers.settings.composition import settings_from
 from trainers.training.loop import Training
 
-
-RUN = ["learning.epochs=1", "learning.batch_size=8", "world.life=4", "validation.life=4", "validation.cells=2"]
-RUN += ["tensorboard=false"]
+RUN = ["learning.epochs=1", "learning.batch_size=8", "world.life=4", "validation.life=4"]
+RUN += ["validation.cells=2", "tensorboard=false"]
 
 
 def test_actions_are_drawn_by_their_probability():

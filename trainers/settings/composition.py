@@ -125,9 +125,11 @@ def settings_from_stored(stored: Any, near: Path | None = None) -> Settings:
     that the run `near` was begun in, and `near` it: there, and in all folders above.
     """
     if isinstance(stored, dict) and isinstance(learning := stored.get("learning"), dict):
-        # Version 0.1 could keep a running mean of the networks; that it did not is said no more.
-        retired = {"average_rate"} if learning.get("average_rate") == 1.0 else set()
-        stored = stored | {"learning": {name: learning[name] for name in learning.keys() - retired}}
+        # Version 0.1 could keep a running mean of the networks, which sets such a run apart.
+        averaged = learning.get("average_rate", 1.0)
+        stored = stored | {"learning": {name: learning[name] for name in learning.keys() - {"average_rate"}}}
+        if averaged != 1.0:
+            stored["recipe"] = f"{stored.get('recipe', 'paper')} average_rate={averaged}"
     if near is not None and isinstance(stored, dict):
         folders = [*_begun_in(near), near.resolve(), *near.resolve().parents]
         stored = {key: _with_data(key, section, folders) for key, section in stored.items()}

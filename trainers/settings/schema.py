@@ -15,8 +15,8 @@ from typing import Annotated, Any, Literal, Self
 import yaml
 from pydantic import Field, TypeAdapter, ValidationInfo, field_validator, model_validator
 from pydantic.dataclasses import dataclass
-from pydantic_core import PydanticKnownError
 
+from swarm._support.checks import check_name
 from swarm.physics.fields import FIELDS
 from swarm.physics.flows import FLOWS
 from swarm.physics.perception import SENSORS
@@ -76,8 +76,9 @@ class Settings:
     @field_validator("algorithm")
     @classmethod
     def _known(cls, given: str) -> str:
-        if given not in ALGORITHMS:
-            raise PydanticKnownError("literal_error", {"expected": ", ".join(map(repr, ALGORITHMS))})
+        kind = ALGORITHMS[check_name("algorithm", given, ALGORITHMS)]
+        if not issubclass(kind, LearningSettings):
+            raise ValueError(f"algorithm {given!r} must be registered by LearningSettings, got {kind!r}")
         return given
 
     @field_validator("learning", mode="before")
