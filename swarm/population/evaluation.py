@@ -68,13 +68,15 @@ def contender(
     """What a policy is called in summaries (`name`, else as it was named, or its type), its label in results
     (a network's algorithm, else its type), and the policy.
     """
-    named = isinstance(policy, str | os.PathLike)
-    player: Any = named_policy(policy, world) if named else policy
+    if isinstance(policy, str | os.PathLike):
+        player, known = named_policy(policy, world), os.fspath(policy)
+    else:
+        player, known = policy, type(policy).__name__.lower()
     kind = type(player).__name__.lower()
     label = player.algorithm if isinstance(player, Network) else kind
     if label in STRATEGIES and label != kind:
         raise PolicyError(f"policy's algorithm must not be called as a strategy, got {label!r}")
-    return name or (os.fspath(policy) if named else kind), label, player
+    return name or known, label, player
 
 
 def evaluate(

@@ -1,7 +1,5 @@
 """The rollout: one population's life under one policy, decision by decision."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The seam between the training loop and an algorithm: what the loop needs, and nothing more."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from pkgutil import resolve_name
@@ -15,6 +13,7 @@ from torch.optim import Adam
 from swarm._support import streams
 from swarm.envs.torchrl import SwarmEnv
 from trainers.algorithms.collector import SeedCollector
+from trainers.algorithms.networks import memory_of
 from trainers.settings.learning import LearningSettings
 from trainers.settings.schema import Settings
 
@@ -41,7 +40,7 @@ class Algorithm(ABC):
     @staticmethod
     def memory_needed(settings: Settings) -> int:
         """Bytes that one seed works with beside its cells, roughly, and rather too few than too many."""
-        return 0
+        return memory_of(settings.layers, settings.learning.batch_size)
 
     def keys(self, purpose: streams.Purpose, *index: int) -> list[int]:
         """For each seed that of a generator of its own."""
@@ -95,6 +94,13 @@ def learner_of(settings: Settings) -> type[Algorithm]:
     if not (isinstance(learner, type) and issubclass(learner, Algorithm)):
         raise ValueError(f"algorithm {settings.algorithm!r} must have an Algorithm as learner, got {named!r}")
     return learner
+
+
+def learning_rate_at(settings: LearningSettings, updates: int, progress: float) -> float:
+    """Learning rate after `updates` updates; `progress` is the part of all epochs that is over."""
+    if settings.learning_rate_schedule == "inverse_time":
+        return settings.learning_rate / (1 + settings.learning_rate_decay * updates)
+    return settings.learning_rate * (1 + (settings.learning_rate_end - 1) * progress)
 
 
 def worth_compiling(settings: Settings, amount: float, pays_from: float) -> bool:

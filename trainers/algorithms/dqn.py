@@ -5,8 +5,6 @@ holds equal to it: `SeedDQNLoss` for DQNLoss, `returns` for MultiStep, `EpsilonG
 EGreedyModule, `FusedSoftUpdate` for SoftUpdate.
 """
 
-from __future__ import annotations
-
 import copy
 import functools
 import math
@@ -21,12 +19,11 @@ from torchrl.objectives import LossModule, SoftUpdate
 from torchrl.objectives.utils import distance_loss
 
 from swarm.envs.torchrl import SwarmEnv
-from trainers.algorithms.base import Algorithm, fused_adam, held_by, worth_compiling
+from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at, worth_compiling
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.compiled import CompiledUpdate
-from trainers.algorithms.networks import memory_of, seed_mlp
+from trainers.algorithms.networks import seed_mlp
 from trainers.algorithms.replay import COLUMNS, SeedReplay, width
-from trainers.algorithms.schedules import epsilon_at, learning_rate_at
 from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import Settings
 
@@ -53,6 +50,14 @@ class EpsilonGreedy(TensorDictModuleBase):
         coin, choice = tensordict["uniform"].unbind(-1)
         random = (choice * self.n_actions).long()
         return tensordict.set("action", torch.where(coin < self.epsilon, random, best))
+
+
+def epsilon_at(settings: DQNSettings, epoch: int, progress: float) -> float:
+    """ε in an epoch (from 0); `progress` is the part of all epochs that is over."""
+    if settings.epsilon_schedule == "exponential":
+        return max(settings.epsilon_end, settings.epsilon_start * settings.epsilon_decay**epoch)
+    fallen = min(1.0, progress / settings.epsilon_fraction)
+    return settings.epsilon_start + (settings.epsilon_end - settings.epsilon_start) * fallen
 
 
 def q_error(
@@ -163,9 +168,9 @@ class DQN(Algorithm):
 
     @staticmethod
     def memory_needed(settings: Settings) -> int:
-        learning, sizes = cast(DQNSettings, settings.learning), settings.layers
+        learning = cast(DQNSettings, settings.learning)
         rows = 2 * learning.buffer_size + learning.updates * learning.batch_size  # a checkpoint's, too
-        return 4 * rows * width(sizes[0]) + memory_of(sizes, learning.batch_size)
+        return 4 * rows * width(settings.layers[0]) + Algorithm.memory_needed(settings)
 
     def _update(self, batch: Mapping) -> Mapping[str, Tensor]:
         """One step of the optimiser."""

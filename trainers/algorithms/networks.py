@@ -1,7 +1,5 @@
 """Networks of several independent seeds at once: TorchRL's MLP, whose layers hold a weight for every seed."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

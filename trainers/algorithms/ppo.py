@@ -1,7 +1,5 @@
 """Proximal policy optimisation (Schulman et al. 2017), made of TorchRL's parts, for a stack of seeds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, cast
 
@@ -15,10 +13,9 @@ from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
 from swarm.envs.torchrl import SwarmEnv
-from trainers.algorithms.base import Algorithm, fused_adam, held_by
+from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.networks import memory_of, seed_mlp
-from trainers.algorithms.schedules import learning_rate_at
 from trainers.settings.learning import PPOSettings
 from trainers.settings.schema import Settings
 
@@ -72,9 +69,8 @@ class PPO(Algorithm):
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
         learning = cast(PPOSettings, settings.learning)
         self.env, self.settings = env, learning
-        sizes, seen = network_sizes(settings)
-        self.policy = seed_mlp(sizes, self.keys("network"), env.device)
-        self.critic = seed_mlp(seen, self.keys("network", 1), env.device)
+        self.policy = seed_mlp(settings.layers, self.keys("network"), env.device)
+        self.critic = seed_mlp(layers_of_critic(settings), self.keys("network", 1), env.device)
         self.sampling = Sampling(self.policy, env, central=learning.critic == "central")
         self.collector = SeedCollector(env, self.sampling)
         actor = ProbabilisticActor(
@@ -98,13 +94,12 @@ class PPO(Algorithm):
 
     @staticmethod
     def memory_needed(settings: Settings) -> int:
-        learning = cast(PPOSettings, settings.learning)
+        learning, critic = cast(PPOSettings, settings.learning), layers_of_critic(settings)
         world = settings.training_world()
-        sizes, seen = network_sizes(settings)
         cells = learning.n_worlds * learning.n_swimmers
         rows = cells * min(learning.collect or world.max_decisions, world.max_decisions)
-        held = 4 * rows * 3 * (sizes[0] + seen[0])
-        return held + memory_of(sizes, learning.batch_size) + memory_of(seen, learning.batch_size)
+        held = 4 * rows * 3 * (settings.layers[0] + critic[0]) + memory_of(critic, learning.batch_size)
+        return held + Algorithm.memory_needed(settings)
 
     def begin(self, epoch: int) -> None:
         for generator, key in zip(self.shuffles, self.keys("replay", epoch), strict=True):
@@ -171,11 +166,11 @@ class PPO(Algorithm):
         return held_by(self.optimiser, policy=self.policy, critic=self.critic)
 
 
-def network_sizes(settings: Settings) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Layers of the policy and of the critic, from inputs to outputs."""
-    learning, world = cast(PPOSettings, settings.learning), settings.training_world()
-    state = OF_A_CELL * learning.n_swimmers if learning.critic == "central" else 0
-    return settings.layers, (world.observation_size + state, *learning.hidden, 1)
+def layers_of_critic(settings: Settings) -> tuple[int, ...]:
+    """Sizes of its layers, from inputs to outputs."""
+    learning = cast(PPOSettings, settings.learning)
+    inputs, *hidden, _ = settings.layers
+    return (inputs + OF_A_CELL * learning.n_swimmers * (learning.critic == "central"), *hidden, 1)
 
 
 def clip_by_seed(parameters: list[nn.Parameter], most: float) -> None:

@@ -1,7 +1,5 @@
 """Runs side by side: the same test for every policy, grouped by what differs besides the seed."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ Training runs are ordinary run folders in OUT/runs/RECIPE/EXPERIMENT; a reproduc
 with them. Every other file of OUT is written again at the end, each whole, the report last.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

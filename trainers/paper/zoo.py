@@ -5,8 +5,6 @@ seeds, versions, commit, and gains in validation and in the test. NAME.json hold
 the training curve.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Settings from YAML files and `key=value` words, composed by Hydra, checked by their types."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

@@ -1,7 +1,5 @@
 """How each algorithm learns: the numbers behind `learning`, with what each of them means."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from typing import Annotated, Any, ClassVar, Literal, Self

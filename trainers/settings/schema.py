@@ -1,7 +1,5 @@
 """Typed settings of a training run, checked when they are made; the defaults are the paper's numbers."""
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import functools
@@ -17,15 +15,11 @@ from pydantic import Field, TypeAdapter, ValidationInfo, field_validator, model_
 from pydantic.dataclasses import dataclass
 
 from swarm._support.checks import check_name
-from swarm.physics.fields import FIELDS
-from swarm.physics.flows import FLOWS
-from swarm.physics.perception import SENSORS
-from swarm.physics.rewards import REWARDS
 from swarm.physics.world import World
 from swarm.policies.policy_file import MAX_FILE, MAX_HEADER, MAX_LAYERS, MAX_WIDTH
+from swarm.population.results import PARTS
 from trainers.settings.learning import ALGORITHMS, RULES, Count, Flag, LearningSettings, Positive, Whole
 
-PARTS = {"field": FIELDS, "flow": FLOWS, "sensor": SENSORS, "reward": REWARDS}  # of a world
 MAX_PLACE = 1e5  # [length] of a start, where float32 tells places 0.008 apart
 
 

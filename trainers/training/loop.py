@@ -1,7 +1,5 @@
 """The training loop: epochs of collecting, learning and validating, and the policies that are kept."""
 
-from __future__ import annotations
-
 import dataclasses
 import logging
 import math

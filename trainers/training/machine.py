@@ -1,7 +1,5 @@
 """What a run asks of the machine: packages, device and memory, checked before its folder is made."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

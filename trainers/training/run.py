@@ -1,7 +1,5 @@
 """Runs: a training in its folder. A run that is stopped anywhere goes on as if it had never been."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import threading
