@@ -72,10 +72,9 @@ def contender(
         player, known = named_policy(policy, world), os.fspath(policy)
     else:
         player, known = policy, type(policy).__name__.lower()
-    kind = type(player).__name__.lower()
-    label = player.algorithm if isinstance(player, Network) else kind
-    if label in STRATEGIES and label != kind:
-        raise PolicyError(f"policy's algorithm must not be called as a strategy, got {label!r}")
+    label = player.algorithm if isinstance(player, Network) else type(player).__name__.lower()
+    if label in STRATEGIES and not isinstance(player, (Greedy, Optimal, Random, Swinging)):
+        raise PolicyError(f"policy, or its algorithm, must not be called as a strategy, got {label!r}")
     return name or known, label, player
 
 

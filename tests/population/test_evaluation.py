@@ -56,8 +56,17 @@ def test_a_trained_policy_is_called_by_its_algorithm(tmp_path, card, label):
 
 @pytest.mark.parametrize("name", ["swinging", "greedy", "two words", "x" * 41, 7, ["dqn"]])
 def test_an_algorithm_by_a_wrong_name_is_refused(name):
-    with pytest.raises(PolicyError, match="algorithm must"):
+    with pytest.raises(PolicyError, match="algorithm,? must"):
         evaluate(make(card=CARD | {"algorithm": name}), World(), experiment="own", cells=2, life=4)
+
+
+def test_a_policy_of_ones_own_that_is_called_as_a_strategy_is_refused():
+    class Swinging:
+        def act(self, world, state, uniform):
+            return 0 * state.clock
+
+    with pytest.raises(PolicyError, match="must not be called as a strategy, got 'swinging'"):
+        evaluate(Swinging(), World(), experiment="own", cells=2, life=4)
 
 
 @pytest.mark.parametrize("name", ["greedy", "swinging", "random"])
