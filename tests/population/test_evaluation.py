@@ -56,7 +56,7 @@ def test_a_trained_policy_is_called_by_its_algorithm(tmp_path, card, label):
 
 @pytest.mark.parametrize("name", ["swinging", "greedy", "two words", "x" * 41, 7, ["dqn"]])
 def test_an_algorithm_by_a_wrong_name_is_refused(name):
-    with pytest.raises(PolicyError, match="algorithm,? must"):
+    with pytest.raises(PolicyError, match=r"algorithm,? must"):
         evaluate(make(card=CARD | {"algorithm": name}), World(), experiment="own", cells=2, life=4)
 
 
