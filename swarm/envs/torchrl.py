@@ -179,7 +179,7 @@ class SwarmEnv(EnvBase):
     def gain(self) -> Tensor:
         """Gain c(t) − c(0) (worlds, cells) so far [concentration]."""
         assert self._state is not None, "restart() must come first"
-        concentration = self.world.field.concentration(self._state.position)
+        concentration = self.world.concentration(self._state)
         return self._tensor(concentration - self._state.start_concentration)
 
     def state_dict_of_env(self) -> dict[str, Tensor]:

@@ -204,7 +204,11 @@ class Parameters(Checked):
     @cached_property
     def clock(self) -> Clock:
         """When cells decide, and how long they live."""
-        return Clock(self.periods, self.n_records, self.life, self.time_step, self.interval_rule)
+        periods = self.periods
+        if self.interval_rule == "common":  # T of the mean speed for all
+            mean = sum(self.action_speeds) / self.n_actions
+            periods = (2 * math.pi / (self.mean_curvature * mean),) * self.n_actions
+        return Clock(periods, self.n_records, self.life, self.time_step, self.interval_rule)
 
     has_common_tick = property(attrgetter("clock.has_common_tick"))
     tick = property(attrgetter("clock.tick"))
@@ -228,6 +232,11 @@ class Parameters(Checked):
     def in_flow(self) -> bool:
         """Whether there is a flow to integrate."""
         return not isinstance(self.flow, StillWater)
+
+    @cached_property
+    def is_steady(self) -> bool:
+        """Whether neither field nor flow changes with time."""
+        return not any(hasattr(part, "at") for part in (self.field, self.flow))
 
     @cached_property
     def reward_scale(self) -> float:

@@ -17,6 +17,7 @@ from swarm._support.arrays import as_array, join, look_up, namespace, nowhere
 from swarm._support.checks import check_cells
 from swarm.physics import perception
 from swarm.physics.motion.arc import Pose, closest_approach, comes_within, components, turned, unit
+from swarm.physics.motion.clock import frozen
 from swarm.physics.motion.swimmer import Interval
 from swarm.physics.parameters import Parameters
 from swarm.physics.perception import Situation
@@ -71,7 +72,7 @@ class World(Parameters):
         self._check_start(position, heading, past)
         position = join(*components(position))
         heading = join(xp.cos(heading), xp.sin(heading))
-        concentration = self.field.concentration(position)
+        concentration = frozen(self.field, 0.0).concentration(position)
         check_cells("position", "have a finite concentration", position, xp.isfinite(concentration))
         finished = as_array(np.zeros(position.shape[:-1]), position, dtype=xp.bool)
         count = self.clock.start(finished)  # of the past too, which is swum as at t = 0
@@ -83,7 +84,7 @@ class World(Parameters):
         records: list[Sequence[Array]] = []
         for i in range(self.n_records):
             curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
-            sensed = self.field.concentration(pose.position)
+            sensed = frozen(self.field, 0.0).concentration(pose.position)
             records.append(self._record(pose, sensed, self.normal_curvature(curvature), finished, count))
             if i < self.n_records - 1:
                 pose = self.swimmer.swim_back(pose, curvature, speed, interval)
@@ -135,12 +136,13 @@ class World(Parameters):
         over = state.finished if self._ends_early or not self.clock.has_common_tick else None
         kick = self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
         interval = self.swimmer.next_interval(state.clock, action, over, kick, state.position)
-        pose, path = self.swimmer.swim(state.pose, interval)
+        began = None if self.is_steady else self.time(state)
+        pose, path = self.swimmer.swim(state.pose, interval, began)
         if self.rotational_diffusion > 0:
             xp = namespace(noise)
             turn = noise[..., 2] * (2 * self.rotational_diffusion * interval.length) ** 0.5
             pose = Pose(pose.position, unit(*turned(components(pose.heading), xp.cos(turn), xp.sin(turn))))
-        concentration = sensed = self.field.concentration(pose.position)
+        concentration = sensed = self._concentration(pose.position, interval.count)
         if self.concentration_noise > 0:
             sensed = concentration + self.concentration_noise * noise[..., 0]
         newest = self._record(pose, sensed, interval.curvature, state.finished, interval.count)
@@ -163,6 +165,14 @@ class World(Parameters):
     def time(self, state: State) -> Array:
         """Time lived (..., cells), `life` exactly when it is up [time]."""
         return self.clock.time(state.clock, state.position)
+
+    def concentration(self, state: State) -> Array:
+        """Concentration (..., cells) where the cells are, at their time [concentration]."""
+        return self._concentration(state.position, state.clock)
+
+    def _concentration(self, position: Array, count: Array) -> Array:
+        field = self.field if self.is_steady else frozen(self.field, self.clock.time(count, position))
+        return field.concentration(position)
 
     def observation(self, state: State) -> Array:
         """Observation (..., cells, N_T · features) float32 of a state."""
@@ -192,7 +202,7 @@ class World(Parameters):
 
     @cached_property
     def _needs_time(self) -> bool:
-        return bool(getattr(self.sensor, "needs_time", False))
+        return bool(getattr(self.sensor, "needs_time", False)) or not self.is_steady
 
     def _ends(
         self, state: State, action: Array, kick: Array, interval: Interval, pose: Pose, path: Array | None

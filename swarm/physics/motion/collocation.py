@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from swarm._support.arrays import as_array, join, namespace, outer
-from swarm._support.compiler import alongside, by_piece
+from swarm._support.compiler import alongside, by_piece, stacked
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc, components, turned, unit
+from swarm.physics.motion.clock import frozen
 
 Array = Any
 
@@ -93,22 +94,38 @@ class Collocation:
         return Motion(*(xp.stack(parts, axis=1) for parts in zip(*by_target, strict=True)))
 
     def swim(
-        self, pose: Pose, motions: Motion, speed: Array, duration: Array, weights: Array, flow: Flow
+        self,
+        pose: Pose,
+        motions: Motion,
+        speed: Array,
+        duration: Array,
+        weights: Array,
+        flow: Flow,
+        time: Array = None,
     ) -> tuple[Pose, Array | None]:
         """The pose after the interval and the path (substeps · outputs, ..., 2), if it has outputs.
 
         `motions` comes from `self.motions`, `weights` is `self.weights` as an array of the pose's library;
-        while torch compiles, both may be in pieces.
+        while torch compiles, both may be in pieces. The interval begins at `time` (..., cells) [time], which
+        only a flow that changes needs.
         """
-        table = outer(weights, duration / self.substeps)  # (targets, nodes, ...)
+        step = duration / self.substeps
+        table = outer(weights, step)  # (targets, nodes, ...)
         path = []
-        for _ in range(self.substeps):
-            pose, places = self._substep(pose, motions, speed, table, flow)
+        for number in range(self.substeps):
+            times = None if time is None else [time + (number + float(f)) * step for f in self.fractions]
+            pose, places = self._substep(pose, motions, speed, table, flow, times)
             path.append(places)
         return pose, namespace(pose.position).concat(path, axis=0) if self.outputs else None
 
     def _substep(
-        self, pose: Pose, motions: Motion, speed: Array, table: Array, flow: Flow
+        self,
+        pose: Pose,
+        motions: Motion,
+        speed: Array,
+        table: Array,
+        flow: Flow,
+        times: list[Array] | None,
     ) -> tuple[Pose, Array | None]:
         start = *components(pose.position), *components(pose.heading), speed
         position_x, position_y, *heading, speed = alongside(motions.ahead, *start)
@@ -118,9 +135,10 @@ class Collocation:
         tangent_x, tangent_y = moved_x[1, ...], moved_y[1, ...]
         along_x, along_y = tangent_x[:n, ...] * speed, tangent_y[:n, ...] * speed
         x, y = arc_x[:n, ...], arc_y[:n, ...]
+        when = None if times is None else stacked(x, times)
         for sweep in range(self.sweeps):
             last = sweep == self.sweeps - 1
-            flow_x, flow_y, spin = velocity_and_spin(flow, x, y)
+            flow_x, flow_y, spin = velocity_and_spin(flow, x, y, when)
             turn = _integral(table if last else table[:n, ...], spin)  # φ (targets, ...)
             xp = namespace(turn)
             sine, cosine = xp.sin(turn), xp.cos(turn)
@@ -145,16 +163,18 @@ def _integral(weights: Array, rate: Array) -> Array:
     return total
 
 
-def velocity_and_spin(flow: Flow, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """u_x, u_y and ω₀ (...) at the places (x, y); at one go where the flow knows how."""
-    both = getattr(flow, "velocity_and_spin", None)
-    if both is None:
+def velocity_and_spin(flow: Flow, x: Array, y: Array, time: Array = None) -> tuple[Array, Array, Array]:
+    """u_x, u_y and ω₀ (...) at the places (x, y) and times (...); at one go where the flow knows how."""
 
-        def both(x: Array, y: Array) -> tuple[Array, Array, Array]:
-            position = join(x, y)
-            return (*components(flow.velocity(position)), flow.spin(position))
+    def both(x: Array, y: Array, *time: Array) -> tuple[Array, Array, Array]:
+        now = frozen(flow, *time) if time else flow
+        if hasattr(now, "velocity_and_spin"):
+            u, v, spin = now.velocity_and_spin(x, y)
+            return u, v, spin
+        position = join(x, y)
+        return (*components(now.velocity(position)), now.spin(position))
 
-    u, v, spin = by_piece(both, x, y)
+    u, v, spin = by_piece(both, x, y) if time is None else by_piece(both, x, y, time)
     return u, v, spin
 
 
@@ -172,10 +192,11 @@ def error_estimate(
     spin = flow.spin_scale if spin is None else spin
     spin = max(spin, getattr(flow, "max_shear", None) or 0.0)  # a flow may strain without spinning
     wavenumber = spin / fastest if fastest > 0 else 0.0  # it changes over a length of about speed/spin
+    frequency = getattr(flow, "max_frequency", spin) or 0.0 if hasattr(flow, "at") else 0.0
     step, speed = duration / substeps, length / duration
     shift = (fastest + 0.5 * speed * spin * step) * step  # the deviation from the arc
     # Gauss quadrature of a wave with as many radians as the arc and the flow turn through
-    radians = turn / substeps + math.sqrt(2) * wavenumber * (speed + fastest) * step
+    radians = turn / substeps + (math.sqrt(2) * wavenumber * (speed + fastest) + frequency) * step
     gauss = math.factorial(nodes) ** 4 / ((2 * nodes + 1) * math.factorial(2 * nodes) ** 3)
     quadrature = 0.5 * max(shift, spin * step) * gauss * radians ** (2 * nodes)
     for _ in range(sweeps):  # Picard: what is left of the deviation after each sweep

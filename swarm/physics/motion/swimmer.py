@@ -16,7 +16,7 @@ from swarm._support.arrays import as_array, look_up, namespace
 from swarm._support.compiler import unrolled
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc
-from swarm.physics.motion.clock import Clock, Ticks
+from swarm.physics.motion.clock import Clock, Ticks, frozen
 from swarm.physics.motion.collocation import Collocation
 
 Array = Any
@@ -122,19 +122,25 @@ class Swimmer:
             parts = namespace(rows).reshape(parts, (4, -1, *column.shape))
         return Interval(count, Motion(parts[:2, ...], parts[2:, ...]), length, speed, curvature)
 
-    def swim(self, pose: Pose, interval: Interval) -> tuple[Pose, Array | None]:
-        """The pose after an interval, and in a flow the positions on the way to it, if the scheme has any."""
+    def swim(self, pose: Pose, interval: Interval, time: Array = None) -> tuple[Pose, Array | None]:
+        """The pose after an interval that begins at `time` (..., cells), which only a flow that changes
+        needs, and in a flow the positions on the way to it, if the scheme has any.
+        """
         scheme = self.scheme
         if scheme is None:
             return along_arc(pose, Motion(*unrolled(interval.motion, 1))), None
         weights = self.tables(pose.position).weights
         *motion, weights = unrolled((*interval.motion, weights), 0 if scheme.outputs else 2)
-        return scheme.swim(pose, Motion(*motion), interval.speed, interval.length, weights, self.flow)
+        given = interval.speed, interval.length, weights, self.flow
+        return scheme.swim(pose, Motion(*motion), *given, time)
 
     def swim_back(self, pose: Pose, curvature: Array, speed: Array, length: Array) -> Pose:
-        """The pose one interval before, by the same scheme: it must not depend on which cells there are."""
+        """The pose one interval before, in the flow at t = 0, by the same scheme: it must not depend on which
+        cells there are.
+        """
         if self.scheme is None:
             return along_arc(pose, arc(curvature, speed, -length))
         scheme = dataclasses.replace(self.scheme, outputs=0)
         motions = scheme.motions(curvature, speed, -length)
-        return scheme.swim(pose, motions, speed, -length, as_array(scheme.weights, length), self.flow)[0]
+        weights = as_array(scheme.weights, length)
+        return scheme.swim(pose, motions, speed, -length, weights, frozen(self.flow, 0.0))[0]
