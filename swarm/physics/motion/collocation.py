@@ -42,9 +42,15 @@ class Collocation:
 
     @classmethod
     def for_interval(
-        cls, flow: Flow, turn: float, length: float, duration: float, spacing: float | None = None
+        cls,
+        flow: Flow,
+        turn: float,
+        length: float,
+        duration: float,
+        spacing: float | None = None,
+        tolerance: float = TOLERANCE,
     ) -> Collocation:
-        """The cheapest scheme that keeps `TOLERANCE` over an interval that turns by `turn` [rad] over
+        """The cheapest scheme that keeps a tolerance over an interval that turns by `turn` [rad] over
         `length`.
 
         Sweeps leave out less and less, nodes cost more with the angle they must follow, and what one of them
@@ -59,10 +65,10 @@ class Collocation:
                 cost = substeps * sweeps * (nodes + 3)  # three: what a sweep costs however few the nodes
                 if cheapest is None or cost < cheapest[0]:
                     error = error_estimate(flow, turn, length, duration, nodes, sweeps, substeps)
-                    cheapest = (cost, nodes, sweeps, substeps) if error <= TOLERANCE else cheapest
+                    cheapest = (cost, nodes, sweeps, substeps) if error <= tolerance else cheapest
         if cheapest is None:
             raise ValueError(
-                f"flow must vary slowly enough to be followed in {SUBSTEPS[-1]} substeps per interval of "
+                f"{getattr(flow, 'thing', 'flow')} must vary slowly enough to be followed in {SUBSTEPS[-1]} substeps per interval of "
                 f"{duration:g}, got speed_scale = {flow.speed_scale:g} and spin_scale = {flow.spin_scale:g}"
             )
         _, nodes, sweeps, substeps = cheapest
@@ -82,9 +88,13 @@ class Collocation:
     @cached_property
     def weights(self) -> np.ndarray:
         """Integrals (targets, nodes) of the nodes' Lagrange polynomials from 0 to each target."""
+        return self.integrals(self.targets)
+
+    def integrals(self, ends: np.ndarray) -> np.ndarray:
+        """Integrals (ends, nodes) of the nodes' Lagrange polynomials from 0 to each end."""
         powers = np.arange(self.nodes)
         vandermonde = self.fractions[:, None] ** powers
-        return (self.targets[:, None] ** (powers + 1) / (powers + 1)) @ np.linalg.inv(vandermonde)
+        return (ends[:, None] ** (powers + 1) / (powers + 1)) @ np.linalg.inv(vandermonde)
 
     def motions(self, curvature: Array, speed: Array, duration: Array) -> Motion:
         """Motions (2, targets, ...) along the arc from the start of a substep to each target."""
@@ -139,7 +149,7 @@ class Collocation:
         for sweep in range(self.sweeps):
             last = sweep == self.sweeps - 1
             flow_x, flow_y, spin = velocity_and_spin(flow, x, y, when)
-            turn = _integral(table if last else table[:n, ...], spin)  # φ (targets, ...)
+            turn = integral(table if last else table[:n, ...], spin)  # φ (targets, ...)
             xp = namespace(turn)
             sine, cosine = xp.sin(turn), xp.cos(turn)
             rise, fall = sine[:n, ...], cosine[:n, ...] - 1
@@ -147,14 +157,14 @@ class Collocation:
             rate_y = fall * along_y + rise * along_x + flow_y
             # in the end the outputs and the end, else the nodes
             wanted = slice(n, None) if last else slice(n)
-            x = _integral(table[wanted, ...], rate_x) + arc_x[wanted, ...]
-            y = _integral(table[wanted, ...], rate_y) + arc_y[wanted, ...]
+            x = integral(table[wanted, ...], rate_x) + arc_x[wanted, ...]
+            y = integral(table[wanted, ...], rate_y) + arc_y[wanted, ...]
         end = turned((tangent_x[-1, ...], tangent_y[-1, ...]), cosine[-1, ...], sine[-1, ...])
         path = join(x[:-1, ...], y[:-1, ...]) if self.outputs else None
         return Pose(join(x[-1, ...], y[-1, ...]), unit(*end)), path
 
 
-def _integral(weights: Array, rate: Array) -> Array:
+def integral(weights: Array, rate: Array) -> Array:
     """Σ weights (targets, nodes, ...) · rate (nodes, ...), in the same order however many cells there are."""
     rates = alongside(weights, *(rate[node, ...] for node in range(rate.shape[0])))
     total = weights[:, 0, ...] * rates[0]
@@ -178,6 +188,12 @@ def velocity_and_spin(flow: Flow, x: Array, y: Array, time: Array = None) -> tup
     return u, v, spin
 
 
+def fastest_change(flow: Flow) -> float:
+    """How fast a flow changes with time at a place [rad / time]: its `max_frequency`, else as it spins."""
+    stated = getattr(flow, "max_frequency", None)
+    return stated if stated is not None else flow.spin_scale if hasattr(flow, "at") else 0.0
+
+
 def error_estimate(
     flow: Flow, turn: float, length: float, duration: float, nodes: int, sweeps: int, substeps: int
 ) -> float:
@@ -192,11 +208,10 @@ def error_estimate(
     spin = flow.spin_scale if spin is None else spin
     spin = max(spin, getattr(flow, "max_shear", None) or 0.0)  # a flow may strain without spinning
     wavenumber = spin / fastest if fastest > 0 else 0.0  # it changes over a length of about speed/spin
-    frequency = getattr(flow, "max_frequency", spin) or 0.0 if hasattr(flow, "at") else 0.0
     step, speed = duration / substeps, length / duration
     shift = (fastest + 0.5 * speed * spin * step) * step  # the deviation from the arc
     # Gauss quadrature of a wave with as many radians as the arc and the flow turn through
-    radians = turn / substeps + (math.sqrt(2) * wavenumber * (speed + fastest) + frequency) * step
+    radians = turn / substeps + (math.sqrt(2) * wavenumber * (speed + fastest) + fastest_change(flow)) * step
     gauss = math.factorial(nodes) ** 4 / ((2 * nodes + 1) * math.factorial(2 * nodes) ** 3)
     quadrature = 0.5 * max(shift, spin * step) * gauss * radians ** (2 * nodes)
     for _ in range(sweeps):  # Picard: what is left of the deviation after each sweep

@@ -1,0 +1,1 @@
+"""What cells do to each other and to the water they share."""

@@ -1,0 +1,181 @@
+"""Pushes: how far contact displaces cells from the paths that they would swim without it.
+
+The displacement δ obeys δ' = Σ μK (d − r) r̂ along given smooth paths. Contact is stiff, but few pairs touch at a
+time: a substep is cut into windows, the pairs that could touch within one are found from the paths, and these
+alone go through Runge–Kutta steps of fourth order (second through the kink at r = d).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from swarm._support.arrays import Array, as_array, namespace, replaced, added_up
+from swarm.physics.crowd.interactions import Contact
+from swarm.physics.crowd.neighbours import near_pairs
+from swarm.physics.motion.arc import arc, turned
+from swarm.physics.motion.collocation import Collocation
+
+WINDOW = 0.5  # a cell swims at most this part of the diameter within a window
+STEP = 0.65  # μK times the length of a Runge–Kutta step, of a pair; in a cluster less
+MAX_STEPS = 4000  # of an interval
+
+
+class Track(NamedTuple):
+    """The smooth paths of cells within a substep: arcs, and rates of deviation at the nodes."""
+
+    x: Array  # (cells,) at the start
+    y: Array
+    ahead: Array  # (cells,) heading at the start
+    aside: Array
+    curvature: Array  # (cells,) [1 / length]
+    speed: Array  # (cells,) [length / time]
+    step: Array  # (cells,) length of the substep [time]
+    rate_x: Array  # (nodes, cells) [length / time]
+    rate_y: Array
+
+    def of(self, rows: Array) -> Self:
+        """The paths of some of the cells."""
+        return type(self)(*(each[..., rows] for each in self))
+
+    def at(self, scheme: Collocation, parts: np.ndarray) -> tuple[Array, Array]:
+        """Places x and y (parts, cells) after these parts of the substep."""
+        like = self.x
+        duration = as_array(parts, like)[:, None] * self.step
+        motion = arc(self.curvature + 0 * duration, self.speed, duration)
+        x, y = turned((self.ahead, self.aside), motion.ahead[0, ...], motion.aside[0, ...])
+        weights = as_array(scheme.integrals(parts), like)
+        return self.x + x + self.step * (weights @ self.rate_x), self.y + y + self.step * (
+            weights @ self.rate_y
+        )
+
+
+@dataclass(frozen=True)
+class Pushes:
+    """The contacts of a crowd whose smooth paths a scheme finds."""
+
+    contacts: tuple[Contact, ...]
+    scheme: Collocation
+
+    @cached_property
+    def diameter(self) -> float:
+        """The largest [length]."""
+        return max(each.diameter for each in self.contacts)
+
+    @cached_property
+    def stiffness(self) -> float:
+        """The sum [1 / time]."""
+        return sum(each.stiffness for each in self.contacts)
+
+    def __call__(self, alive: Array, position: Array, *smooth: Array) -> Array:
+        """δ_x and δ_y (2, targets, worlds, cells) at the scheme's targets.
+
+        `alive` (worlds, cells) bool, `position` (worlds, cells, 2); the others are as in a `Track`, from the
+        heading on, whose two numbers are apart. NumPy and torch only.
+        """
+        xp = namespace(position)
+        parts = (position[..., 0], position[..., 1], *smooth)
+        track = Track(*(xp.reshape(each, (*each.shape[: each.ndim - 2], -1)) for each in parts))
+        targets, count = self.scheme.targets, track.x.shape[0]
+        still = xp.zeros((2, len(targets), count), dtype=position.dtype, device=position.device)
+        if count:
+            drift = float(xp.max(xp.abs(track.rate_x) + xp.abs(track.rate_y)))
+            far = float(xp.max((xp.abs(track.speed) + drift) * xp.abs(track.step)))
+            pairs = near_pairs(position, self.diameter + 2 * far, alive)
+            if pairs[0].shape[0]:
+                still = self._along(track, pairs, far, still)
+        return xp.reshape(still, (2, len(targets), *alive.shape))
+
+    def _along(self, track: Track, pairs: tuple[Array, Array], far: float, still: Array) -> Array:
+        """δ of all cells: `still`, but for those of `pairs` that touch; `far` is what a cell swims at most."""
+        xp = namespace(track.x)
+        rows, place = xp.unique_inverse(xp.concat(pairs))
+        first, second = place[: pairs[0].shape[0]], place[pairs[0].shape[0] :]
+        track = track.of(rows)
+        windows = max(1, math.ceil(far / (WINDOW * self.diameter)))
+        x, y = track.at(self.scheme, np.arange(windows + 1) / windows)
+        push = xp.zeros((2, rows.shape[0]), dtype=track.x.dtype, device=track.x.device)
+        found = [push] * len(self.scheme.targets)
+        for window in range(windows):
+            now, later = (xp.stack([x[place, :], y[place, :]]) + push for place in (window, window + 1))
+            near = self._near(now, later, (first, second), far / windows)
+            moment = self.scheme.targets * windows - window  # of the targets, in this window from 0 to 1
+            inside = [int(k) for k in np.flatnonzero((moment > 0) & (moment <= 1))]
+            snapshots = [push, push]
+            if near.shape[0]:
+                snapshots = self._through(track, (first[near], second[near]), push, window / windows, windows)
+            for k in inside:
+                step = moment[k] * (len(snapshots) - 1)
+                before = min(int(step), len(snapshots) - 2)
+                part = float(step - before)
+                found[k] = (1 - part) * snapshots[before] + part * snapshots[before + 1]
+            push = snapshots[-1]
+        return replaced(still, rows, xp.stack(found, axis=1))
+
+    def _near(self, now: Array, later: Array, pairs: tuple[Array, Array], far: float) -> Array:
+        """Which of the pairs may touch while their cells go from `now` to `later` (2, cells), nearly
+        straight.
+        """
+        xp = namespace(now)
+        first, second = pairs
+        apart = now[:, first] - now[:, second]
+        moved = later[:, first] - later[:, second] - apart
+        length = xp.sum(moved * moved, axis=0)
+        part = xp.clip(-xp.sum(apart * moved, axis=0) / (length + 1e-30), 0.0, 1.0)
+        nearest = xp.sum((apart + part * moved) ** 2, axis=0) ** 0.5
+        overlap = float(xp.max(self.diameter - xp.sum(apart * apart, axis=0) ** 0.5))
+        slack = 0.25 * far  # arcs of at most a radian bend off by less
+        near = nearest < self.diameter + slack
+        if not bool(xp.any(near)):
+            return xp.nonzero(near)[0]
+        pushed = far + max(overlap, 0.0)  # how far a cell may be pushed meanwhile
+        for _ in range(2):  # those that touch may be pushed into others
+            touching = xp.astype(near, now.dtype)
+            touched = added_up(xp.concat([touching, touching]), xp.concat(pairs), now.shape[1]) > 0
+            reach = xp.astype(touched[first], now.dtype) + xp.astype(touched[second], now.dtype)
+            near = nearest < self.diameter + slack + pushed * reach
+        return xp.nonzero(near)[0]
+
+    def _through(
+        self, track: Track, pairs: tuple[Array, Array], push: Array, begin: float, windows: int
+    ) -> list[Array]:
+        """δ (2, cells) after every Runge–Kutta step of a window that begins after this part of the substep."""
+        xp = namespace(push)
+        rows, place = xp.unique_inverse(xp.concat(pairs))
+        half = pairs[0].shape[0]
+        first, second = place[:half], place[half:]
+        degree = added_up(xp.ones_like(place, dtype=push.dtype), place, rows.shape[0])
+        crowding = max(1.0, 0.5 * float(xp.max(degree)))
+        some = track.of(rows)
+        longest = float(xp.max(xp.abs(some.step)))
+        steps = max(1, math.ceil(self.stiffness * longest / windows * crowding / STEP))
+        parts = begin + np.arange(2 * steps + 1) / (2 * steps * windows)
+        path = xp.stack(some.at(self.scheme, parts), axis=1)  # (halves, 2, cells)
+        span = some.step / (steps * windows)
+        at = push[:, rows]
+        snapshots = [push]
+        for number in range(steps):
+            start, middle, end = (path[2 * number + i, ...] for i in range(3))
+            k1 = span * self._force(start + at, first, second)
+            k2 = span * self._force(middle + at + 0.5 * k1, first, second)
+            k3 = span * self._force(middle + at + 0.5 * k2, first, second)
+            k4 = span * self._force(end + at + k3, first, second)
+            at = at + (k1 + 2 * (k2 + k3) + k4) / 6
+            snapshots.append(replaced(push, rows, at))
+        return snapshots
+
+    def _force(self, place: Array, first: Array, second: Array) -> Array:
+        """Velocities (2, cells) by which pairs at places (2, cells) part."""
+        xp = namespace(place)
+        apart = place[:, first] - place[:, second]
+        distance = (apart[0, :] ** 2 + apart[1, :] ** 2) ** 0.5 + 1e-30
+        total = 0.0
+        for each in self.contacts:
+            total = total + each.stiffness * xp.clip(each.diameter - distance, 0.0, None)
+        pull = apart * (total / distance)
+        rows = xp.concat([first, second])
+        return xp.stack([added_up(xp.concat([part, -part]), rows, place.shape[1]) for part in pull])
