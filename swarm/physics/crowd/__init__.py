@@ -1,1 +1,1 @@
-"""What cells do to each other and to the water they share."""
+"""The crowd: what cells do to the medium that they share, and to each other."""
