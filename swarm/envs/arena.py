@@ -13,7 +13,7 @@ from gymnasium.logger import warn
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
 from swarm._support.checks import check_count, check_name
-from swarm.physics.starts import Draws, Starts, draw_noise, draw_starts
+from swarm.physics.starts import Draws, Starts, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
 
 RENDER_MODES = ["human", "rgb_array"]
@@ -154,7 +154,7 @@ class Arena:
         if self._noise is None:
             assert self.seed is not None
             cells, seeds = (self.n_swimmers,), (self.seed,)
-            self._noise = Draws(draw_noise, cells, seeds, population=POPULATION, dtype=self.dtype)
+            self._noise = Draws(noise_of(self.world), cells, seeds, population=POPULATION, dtype=self.dtype)
         return self._noise.at(self.episode, self.decision)
 
     # --- checks ---

@@ -18,7 +18,7 @@ from swarm._support.arrays import namespace, where_chosen
 from swarm._support.checks import check_count, check_name
 from swarm._support.compiler import compiled
 from swarm.envs.arena import make_world, with_parameters
-from swarm.physics.starts import Draws, draw_noise, draw_starts
+from swarm.physics.starts import Draws, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
 
 GROUP = "swimmers"
@@ -114,7 +114,7 @@ class SwarmEnv(EnvBase):
         self.episode = np.full(self.n_worlds, -1)
         self.decision = np.zeros(self.n_worlds, np.int64)
         cells = (self.n_worlds, self.n_swimmers)
-        self._noise = Draws(draw_noise, cells, self.seeds, population=self.population, place=self._array)
+        self._noise = Draws(noise_of(self.world), cells, self.seeds, population=self.population, place=self._array)
 
     def restart(self, worlds: np.ndarray | None = None) -> Tensor:
         """Begin the next episode in the chosen worlds (a mask; default all); returns all observations."""

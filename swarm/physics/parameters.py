@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,17 +26,22 @@ from swarm._support.checks import (
     optional,
     parameter,
 )
+from swarm._support.registry import TYPE, Registry
+from swarm.physics.crowd.interactions import INTERACTIONS, Interaction, check_interactions
+from swarm.physics.crowd.medium import Medium, check_medium
+from swarm.physics.crowd.spread import Spread, check_spread
 from swarm.physics.fields import FIELDS, Field
 from swarm.physics.flows import FLOWS, Flow, StillWater
 from swarm.physics.motion import clock
 from swarm.physics.motion.clock import Clock
 from swarm.physics.motion.swimmer import Swimmer
-from swarm.physics.perception import Memory, MemoryWithFlow, Sensor, check_sensor
-from swarm.physics.rewards import Reward, check_reward
+from swarm.physics.perception import SENSORS, Memory, MemoryWithFlow, Sensor, check_sensor
+from swarm.physics.rewards import REWARDS, Reward, check_reward
 
 Array = Any
 
 DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
+PARTS = {"field": FIELDS, "flow": FLOWS, "sensor": SENSORS, "reward": REWARDS}  # one of each in a world
 
 
 # --- rules ------------------------------------------------------------------------------------------------
@@ -119,6 +125,15 @@ class Parameters(Checked):
     rotational_diffusion: float = parameter(0.0, check_number, at_least=0.0)
     sensor: Sensor = parameter(None, optional(check_sensor))  # what a record holds; None: see `sense_flow`
     reward: Reward = parameter("own", check_reward)
+    # what cells share; with any of these on, all decide at the same moments
+    interactions: tuple[Interaction, ...] = parameter((), check_interactions)
+    medium: Medium | None = parameter(None, optional(check_medium))
+    first_arrivals: int | None = parameter(None, optional(check_count))  # that win, and end the episode
+    block_delay: float = parameter(0.0, check_number, at_least=0.0)  # so long after the last of them [time]
+    binding_rate: float | None = parameter(  # λ_b, molecules bound per concentration [1 / (conc. · time)]
+        None, optional(check_number), above=0.0
+    )
+    spread: Spread | None = parameter(None, optional(check_spread))  # of speeds and curvatures over cells
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -139,6 +154,38 @@ class Parameters(Checked):
                 f"mean curvature × speed must lie between 1e-9 and 1e9 rad per time, got {rates}"
             )
         _ = self.swimmer.scheme  # raises where intervals cannot be counted or the flow varies too fast
+        self._check_company()
+
+    def _check_company(self) -> None:
+        """Raises ValueError where what cells share does not go with the rest."""
+        if self.is_shared and len(set(self.clock.intervals)) > 1:
+            raise ValueError(
+                "interval_rule must be 'common' where cells share a medium, interact or race, so that all decide "
+                f"at the same moments, got {self.interval_rule!r} with intervals of {self.clock.intervals}"
+            )
+        if self.first_arrivals is not None and self.egg is None:
+            raise ValueError(f"first_arrivals must go with a field that has an egg, got {self.field!r}")
+        if self.block_delay > 0 and self.first_arrivals is None:
+            raise ValueError(f"block_delay must go with first_arrivals, got {self.block_delay:g} without")
+        if self.binding_rate is not None and self.concentration_noise > 0:
+            raise ValueError(
+                "concentration_noise must be 0 where bindings are counted (binding_rate), got "
+                f"{self.concentration_noise:g}"
+            )
+        for each in self.interactions:
+            if getattr(each, "core", None) == 0:
+                raise ValueError(f"core must be above 0 in a world, whose cells may touch, got {each!r}")
+        _ = self.swimmer.company  # raises where they vary too fast
+        if self.medium is not None:
+            longest, fastest = max(self.intervals), max(self.action_speeds)
+            self.medium.check(
+                self.field,
+                self.flow,
+                start_box=self.box,
+                interval=longest,
+                speed=fastest,
+                curvature=self.curvatures[-1],
+            )
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -154,6 +201,12 @@ class Parameters(Checked):
         elif "sensor" in changes:
             changes["sense_flow"] = False
         return dataclasses.replace(self, **changes)
+
+    def described(self) -> dict[str, Any]:
+        """All parameters as plain data, from which the same world can be made; a part of a user's own class,
+        or one that is more than plain data, is told by the name of its class.
+        """
+        return {item.name: as_data(item.name, getattr(self, item.name)) for item in dataclasses.fields(self)}
 
     @cached_property
     def n_actions(self) -> int:
@@ -221,7 +274,14 @@ class Parameters(Checked):
     def swimmer(self) -> Swimmer:
         """What each action does."""
         spacing = self.time_step if self.egg is not None else None  # of the places where its path is tested
-        return Swimmer(self.curvatures, self.action_speeds, self.clock, self.flow, spacing)
+        return Swimmer(
+            self.curvatures, self.action_speeds, self.clock, self.flow, spacing, self.interactions, self.spread
+        )
+
+    @cached_property
+    def is_shared(self) -> bool:
+        """Whether what one cell does can matter to another."""
+        return bool(self.interactions) or self.medium is not None or self.first_arrivals is not None
 
     @cached_property
     def has_noise(self) -> bool:
@@ -275,3 +335,16 @@ class Parameters(Checked):
     def normal_curvature(self, curvature: Array) -> Array:
         """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""
         return self.swimmer.normal_curvature(curvature)
+
+
+def as_data(name: str, part: Any) -> Any:
+    """A parameter of a world as plain data."""
+
+    def told(registry: Registry, part: Any) -> dict[str, Any]:
+        return registry.describe(part) or {TYPE: type(part).__name__}
+
+    if name in PARTS:
+        return told(PARTS[name], part)
+    if name == "interactions":
+        return [told(INTERACTIONS, each) for each in part]
+    return json.loads(json.dumps(dataclasses.asdict(part) if dataclasses.is_dataclass(part) else part))

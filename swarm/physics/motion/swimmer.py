@@ -14,10 +14,13 @@ import numpy as np
 
 from swarm._support.arrays import as_array, look_up, namespace
 from swarm._support.compiler import unrolled
+from swarm.physics.crowd.interactions import Interaction
+from swarm.physics.crowd.spread import Spread
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc
 from swarm.physics.motion.clock import Clock, Ticks, frozen
 from swarm.physics.motion.collocation import Collocation
+from swarm.physics.motion.company import Company
 
 Array = Any
 
@@ -49,16 +52,29 @@ class Swimmer:
     clock: Clock
     flow: Flow
     spacing: float | None = None  # of the places on paths in a flow that are wanted too [time]
+    interactions: tuple[Interaction, ...] = ()
+    spread: Spread | None = None  # of speeds and curvatures over cells
+
+    @cached_property
+    def company(self) -> Company | None:
+        """How cells that influence each other swim together; None where they do not."""
+        if not self.interactions:
+            return None
+        return Company.for_interval(self.flow, self.interactions, *self._largest(), self.spacing)
+
+    def _largest(self) -> tuple[float, float, float]:
+        """Largest turn [rad], length and duration of an interval."""
+        wider = (1.0, 1.0) if self.spread is None else self.spread.largest
+        lengths = [speed * time for speed, time in zip(self.speeds, self.clock.intervals, strict=True)]
+        turns = [kappa * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
+        return max(turns) * wider[0] * wider[1], max(lengths) * wider[0], max(self.clock.intervals)
 
     @cached_property
     def scheme(self) -> Collocation | None:
         """How intervals in the flow are integrated; None in still water."""
         if isinstance(self.flow, StillWater):
             return None
-        longest = max(self.clock.intervals)
-        lengths = [speed * time for speed, time in zip(self.speeds, self.clock.intervals, strict=True)]
-        turns = [kappa * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
-        return Collocation.for_interval(self.flow, max(turns), max(lengths), longest, self.spacing)
+        return Collocation.for_interval(self.flow, *self._largest(), self.spacing)
 
     def normal_curvature(self, curvature: Array) -> Array:
         """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""
