@@ -13,7 +13,7 @@ from pathlib import Path
 from benchmarks.tables import as_text
 from swarm._support import files, provenance
 
-NAMES = ("pettingzoo_path", "batched_path", "training_path", "same_goal")
+NAMES = ("pettingzoo_path", "batched_path", "training_path", "same_goal", "exact_solutions")
 
 
 def processor() -> str:

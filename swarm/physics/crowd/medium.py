@@ -85,7 +85,7 @@ class Medium(Checked):
     carried: bool = parameter(False, check_flag)
     # a cell that leaves the box comes back on the other side, or ends; or the grid follows the cells' mean
     leaving: str = parameter("truncate", check_name, known=("wrap", "truncate", "follow"))
-    kernel: str = parameter("linear", check_name, known=tuple(WIDTHS))  # δ_h: a B-spline of 2 or 4 nodes
+    kernel: str = parameter("cubic", check_name, known=tuple(WIDTHS))  # δ_h: a B-spline of 2 or 4 nodes
     # of a decision; None: as many as keep a cell's step within a mesh and advection stable
     substeps: int | None = parameter(None, optional(check_count))
 
@@ -219,7 +219,7 @@ class Medium(Checked):
         """What cells do in each substep; to what is carried in each half, before and after the flow."""
         if self.uptake == 0 and self.secretion == 0:
             return None
-        part = (0.5 * part if self.carried else part)[..., None]
+        part = 0.5 * part if self.carried else part
         acting = namespace(places).astype(alive & self.mesh.inside(places, state.origin), state.grid.dtype)
         cleared, secreted = part * (self.uptake / self.thickness), part * (self.secretion / self.thickness)
         return exchange(self.mesh, places, state.origin, acting, cleared, secreted, field)
