@@ -112,28 +112,6 @@ def where_chosen(mask: Array, new: Array, old: Array) -> Array:
     return namespace(old).where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)
 
 
-def added_up(values: Array, index: Array, size: int) -> Array:
-    """Sums (..., size) of the `values` (..., k) whose whole-number `index` (..., k) is the same.
-
-    Values are added in their order, so that the same call gives the same bits (on a GPU it may not).
-    """
-    xp = namespace(values)
-    if is_torch(values):
-        sums = values.new_zeros((*values.shape[:-1], size))
-        return sums.scatter_add(-1, index.broadcast_to(values.shape), values)
-    if not isinstance(values, np.ndarray) and not hasattr(values, "at"):  # no library's own way is known
-        chosen = index[..., None] == as_array(np.arange(size), index)
-        return (values[..., None, :] @ xp.astype(chosen, values.dtype))[..., 0, :]
-    rows = math.prod(values.shape[:-1])
-    row = as_array(np.arange(rows).reshape(*values.shape[:-1], 1), index)
-    flat, places = xp.reshape(values, (-1,)), xp.reshape(index + size * row, (-1,))
-    if isinstance(values, np.ndarray):
-        sums = np.bincount(places, flat, rows * size).astype(values.dtype, copy=False)
-    else:  # jax
-        sums = xp.zeros(rows * size, dtype=values.dtype).at[places].add(flat)
-    return xp.reshape(sums, (*values.shape[:-1], size))
-
-
 def replaced(array: Array, row: Array, values: Array) -> Array:
     """A copy of `array` (..., rows) with other `values` (..., n) in some rows (n,)."""
     if hasattr(array, "at"):  # jax

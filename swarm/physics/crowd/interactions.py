@@ -1,8 +1,8 @@
 """Interactions: the extra velocity and spin that every living cell has from the poses of all.
 
-An interaction is any object with `drift(position, heading, alive)`. Used when there: `speed_scale` [length /
-time] and `spin_scale` [rad / time], about the largest that a crowd causes, from which follows how finely paths
-are integrated.
+An interaction is any object with `drift(position, heading, alive)`. Used when there: `speed_scale` [length
+/ time] and `spin_scale` [rad / time], about the largest that a crowd causes, from which follows how finely
+paths are integrated.
 """
 
 from __future__ import annotations
@@ -90,9 +90,9 @@ class Contact(Pairwise):
 @INTERACTIONS.register("dipole")
 @dataclass(frozen=True)
 class Dipole(Pairwise):
-    """The flow of a force dipole, p > 0 a pusher, at the angle θ from the heading of the cell that makes it.
+    """The flow of a force dipole, p > 0 a pusher, at the angle θ from the heading of its cell.
 
-    In a thin film u = p cos 2θ r̂/(4πηr) with the spin p sin 2θ/(4πηr²); in bulk fluid, of cells in one plane,
+    In a thin film u = p cos 2θ r̂/(4πηr) with the spin p sin 2θ/(4πηr²); in bulk fluid, in the cells' plane,
     u = p (3cos²θ − 1) r̂/(8πηr²) with the spin 3p sin 2θ/(16πηr³). Within the core ε they are smooth: powers of
     r are those of √(r² + ε²). From 0.8 of the cutoff on it fades to nothing at the cutoff.
     """

@@ -24,8 +24,8 @@ def _check_part(name: str, value: Any) -> float:
 class Spread(Checked):
     """Standard deviations, relative to the mean, of the cells' speed and mean curvature.
 
-    Each cell has a factor of its own for the speed, and one for all its curvatures, normally distributed up to
-    three standard deviations. A record of curvature tells the action; the sensor `memory_with_traits` records
+    Each cell has a factor of its own for the speed, and one for all its curvatures, normally distributed up
+    to three standard deviations. A record of curvature tells the action; the sensor `memory_with_traits` records
     both factors too. Decisions last as long for all: ΔT is that of the mean cell.
     """
 

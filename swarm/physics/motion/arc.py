@@ -140,9 +140,7 @@ def arrival(pose: Pose, curvature: Array, length: Array, point: tuple[float, flo
     angle = xp.asin(xp.clip(missing / safe, -1.0, 1.0))
     phase = xp.atan2(-shift, rise)  # rise sin φ − shift cos φ = swing sin(φ + phase)
     sense = xp.sign(kappa)
-    turns = [
-        xp.remainder(sense * (candidate - phase), 2 * math.pi) for candidate in (angle, math.pi - angle)
-    ]
+    turns = [xp.remainder(sense * (candidate - phase), 2 * math.pi) for candidate in (angle, math.pi - angle)]
     turn = xp.minimum(*turns) / xp.where(length > 0, xp.abs(kappa) * length, xp.ones_like(length))
     root = ahead * ahead + radius**2 - squared
     line = -ahead - xp.sqrt(xp.where(root > 0, root, xp.zeros_like(root)))

@@ -68,8 +68,8 @@ class Collocation:
                     cheapest = (cost, nodes, sweeps, substeps) if error <= tolerance else cheapest
         if cheapest is None:
             raise ValueError(
-                f"{getattr(flow, 'thing', 'flow')} must vary slowly enough to be followed in {SUBSTEPS[-1]} substeps per interval of "
-                f"{duration:g}, got speed_scale = {flow.speed_scale:g} and spin_scale = {flow.spin_scale:g}"
+                f"{getattr(flow, 'thing', 'flow')} must vary slowly enough to be followed in {SUBSTEPS[-1]} "
+                f"substeps per interval of {duration:g}, got speed_scale = {flow.speed_scale:g} and spin_scale = {flow.spin_scale:g}"
             )
         _, nodes, sweeps, substeps = cheapest
         outputs = 0 if spacing is None else math.ceil(duration / substeps / spacing - 1e-9)

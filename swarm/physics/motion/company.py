@@ -1,7 +1,7 @@
 """Company: how cells swim that influence each other, all together, in the flow and in contact.
 
-As in `collocation`, a cell moves along its exact arc and the deviation from it is integrated; the drift by the
-others joins the flow's velocity and spin. Contact, which is stiff, is left to `pushes`.
+As in `collocation`, a cell moves along its exact arc and the deviation from it is integrated; the drift by
+the others joins the flow's velocity and spin. Contact, which is stiff, is left to `pushes`.
 """
 
 from __future__ import annotations
@@ -93,8 +93,8 @@ class Company:
         pushing = sum(each.stiffness for each in interactions if isinstance(each, Contact))
         if pushing * duration / STEP > MAX_STEPS:
             raise ValueError(
-                f"stiffness must be at most {MAX_STEPS * STEP / duration:g}, which takes {MAX_STEPS} steps per "
-                f"interval of {duration:g}, got {pushing:g}"
+                f"stiffness must be at most {MAX_STEPS * STEP / duration:g}, which takes {MAX_STEPS} steps "
+                f"per interval of {duration:g}, got {pushing:g}"
             )
         strongest = Strongest(flow, tuple(each for each in interactions if not isinstance(each, Contact)))
         scheme = Collocation.for_interval(strongest, turn, length, duration, spacing, TOLERANCE)
@@ -217,8 +217,8 @@ def swim(
 ) -> Pose:
     """Where cells are and head after `duration` of constant curvature and speed, in flow and company.
 
-    `position` (..., cells, 2) [length]; `heading` (..., cells) [rad] or unit vectors (..., cells, 2), returned
-    in the same form; `curvature` [1 / length], of any sign and 0 too, `speed` [length / time] and `duration`
+    `position` (..., cells, 2) [length]; `heading` (..., cells) [rad] or unit vectors (..., cells, 2), and so
+    returned; `curvature` [1 / length], of any sign and 0 too, `speed` [length / time] and `duration`
     [time] broadcast to (..., cells). `alive` (..., cells) bool marks those that act, all by default; a flow
     that changes begins at `time`. Exact to rounding alone in still water; within 1e-6 per interval of a turn
     in a flow; with interactions substeps are halved until that changes less than 1e-8, but for the kink of
@@ -253,13 +253,18 @@ def _converged(
     xp = namespace(start.position)
     curvature, speed, duration = arcs
     began = None if not hasattr(flow, "at") else duration * 0 + time
-    before, tried = None, 1 << max(0, math.ceil(math.log2(1e-9 + float(xp.max(xp.abs(curvature * speed * duration))))))
+    before, tried = (
+        None,
+        1 << max(0, math.ceil(math.log2(1e-9 + float(xp.max(xp.abs(curvature * speed * duration)))))),
+    )
     while tried <= MOST_SUBSTEPS:
         company = Company(flow, interactions, Collocation(5, 5, tried))
         end = company.swim(start, curvature, speed, duration, alive, began)[0]
         precise = CONVERGED if xp.finfo(end.position.dtype).eps < 1e-10 else 1e-4
         if before is not None:
-            change = xp.max(xp.abs(end.position - before.position)) + xp.max(xp.abs(end.heading - before.heading))
+            change = xp.max(xp.abs(end.position - before.position)) + xp.max(
+                xp.abs(end.heading - before.heading)
+            )
             if float(change) <= (100 * precise if company.contacts else precise):
                 return end
         before, tried = end, 2 * tried

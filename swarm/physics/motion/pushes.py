@@ -1,7 +1,7 @@
 """Pushes: how far contact displaces cells from the paths that they would swim without it.
 
-The displacement δ obeys δ' = Σ μK (d − r) r̂ along given smooth paths. Contact is stiff, but few pairs touch at a
-time: a substep is cut into windows, the pairs that could touch within one are found from the paths, and these
+The displacement δ obeys δ' = Σ μK (d − r) r̂ along given smooth paths. Contact is stiff, but few pairs touch
+at a time: a substep is cut into windows, the pairs that could touch within one are found from the paths, and these
 alone go through Runge–Kutta steps of fourth order (second through the kink at r = d).
 """
 
@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from swarm._support.arrays import Array, as_array, namespace, replaced, added_up
+from swarm._support.arrays import Array, added_up, as_array, namespace, replaced
 from swarm.physics.crowd.interactions import Contact
 from swarm.physics.crowd.neighbours import near_pairs
 from swarm.physics.motion.arc import arc, turned
@@ -91,7 +91,7 @@ class Pushes:
         return xp.reshape(still, (2, len(targets), *alive.shape))
 
     def _along(self, track: Track, pairs: tuple[Array, Array], far: float, still: Array) -> Array:
-        """δ of all cells: `still`, but for those of `pairs` that touch; `far` is what a cell swims at most."""
+        """δ of all cells: `still`, but for `pairs` that touch; `far` is what a cell swims at most."""
         xp = namespace(track.x)
         rows, place = xp.unique_inverse(xp.concat(pairs))
         first, second = place[: pairs[0].shape[0]], place[pairs[0].shape[0] :]
@@ -143,7 +143,7 @@ class Pushes:
     def _through(
         self, track: Track, pairs: tuple[Array, Array], push: Array, begin: float, windows: int
     ) -> list[Array]:
-        """δ (2, cells) after every Runge–Kutta step of a window that begins after this part of the substep."""
+        """δ (2, cells) after every step of a window that begins after this part of the substep."""
         xp = namespace(push)
         rows, place = xp.unique_inverse(xp.concat(pairs))
         half = pairs[0].shape[0]

@@ -41,6 +41,7 @@ class Interval(NamedTuple):
     length: Array  # (..., cells) [time]
     speed: Array  # (..., cells) [length / time]
     curvature: Array  # (..., cells) κ*, as chosen
+    swum: Array = None  # (..., cells) curvature of the arc [1 / length]; None where nobody asks for it
 
 
 @dataclass(frozen=True)
@@ -107,31 +108,46 @@ class Swimmer:
     def _motion(self, curvature: Array, speed: Array, length: Array) -> Motion:
         return (arc if self.scheme is None else self.scheme.motions)(curvature, speed, length)
 
-    def swum_curvature(self, action: Array, kick: Array | None, like: Array) -> Array:
-        """Curvature (..., cells) of the arcs that are swum: as chosen, and its perturbation [1 / length]."""
+    def swum_curvature(self, action: Array, kick: Array | None, like: Array, factors: Array = None) -> Array:
+        """Curvature (..., cells) of the arcs that are swum: as chosen, by the cell's own factor, and its
+        perturbation [1 / length].
+        """
         chosen = look_up(as_array(np.asarray(self.curvatures), like), action)
+        if factors is not None:
+            chosen = chosen * factors[..., 1]
         return chosen if kick is None else chosen + kick
 
     def next_interval(
-        self, count: Array, action: Array, over: Array | None, kick: Array | None, like: Array
+        self,
+        count: Array,
+        action: Array,
+        over: Array | None,
+        kick: Array | None,
+        like: Array,
+        factors: Array = None,
     ) -> Interval:
         """The next interval of each cell, in the precision of `like`.
 
         `over` (..., cells) marks cells that stay where they are; None where time alone ends lives, and there
-        is a common tick. `kick` perturbs the curvature.
+        is a common tick. `kick` perturbs the curvature; `factors` (..., cells, 2) multiply speed and
+        curvature.
         """
         if not self.clock.has_common_tick:
             count, length = self.clock.next_length(count, action, over, like)
             speed = look_up(as_array(np.asarray(self.speeds), like), action)
-            motion = self._motion(self.swum_curvature(action, kick, like), speed, length)
+            if factors is not None:
+                speed = speed * factors[..., 0]
+            motion = self._motion(self.swum_curvature(action, kick, like, factors), speed, length)
             chosen = self.swum_curvature(action, None, like)
             return Interval(count, motion, length, speed, self.normal_curvature(chosen))
         tables = self.tables(like)
         count, column = self.clock.next_column(count, action, tables.ticks, over)
         rows = look_up(tables.rows, column)
         curvature, length, speed = rows[0, ...], rows[1, ...], rows[2, ...]
-        if kick is not None:
-            motion = self._motion(self.swum_curvature(action, kick, like), speed, length)
+        if factors is not None:
+            speed = speed * factors[..., 0]
+        if kick is not None or factors is not None:
+            motion = self._motion(self.swum_curvature(action, kick, like, factors), speed, length)
             return Interval(count, motion, length, speed, curvature)
         parts = rows[3:, ...]
         if self.scheme is not None:
@@ -160,3 +176,16 @@ class Swimmer:
         motions = scheme.motions(curvature, speed, -length)
         weights = as_array(scheme.weights, length)
         return scheme.swim(pose, motions, speed, -length, weights, frozen(self.flow, 0.0))[0]
+
+    def places(self, pose: Pose, interval: Interval, end: Pose, parts: np.ndarray) -> Array:
+        """Positions (parts, ..., cells, 2) after parts of an interval: on the arc, from which the cell is led
+        off evenly to where it ends; exact in still water. The interval must tell what is `swum`.
+        """
+        arcs = interval.swum, interval.speed
+        away = end.position - along_arc(pose, arc(*arcs, interval.length)).position
+        return namespace(away).stack(
+            [
+                along_arc(pose, arc(*arcs, part * interval.length)).position + part * away
+                for part in parts.tolist()
+            ]
+        )

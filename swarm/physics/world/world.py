@@ -11,19 +11,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from swarm._support.arrays import as_array, join, look_up, namespace, nowhere
 from swarm._support.checks import check_cells
 from swarm.physics import perception
-from swarm.physics.crowd.binding import bindings
+from swarm.physics.crowd.binding import counted
 from swarm.physics.crowd.medium import MediumState
 from swarm.physics.motion.arc import (
     Pose,
-    along_arc,
-    arc,
     arrival,
     arrival_on,
     closest_approach,
@@ -34,46 +32,16 @@ from swarm.physics.motion.arc import (
 )
 from swarm.physics.motion.clock import frozen
 from swarm.physics.motion.swimmer import Interval
-from swarm.physics.parameters import Parameters
 from swarm.physics.perception import Situation
+from swarm.physics.world.parameters import Parameters
+from swarm.physics.world.state import NOISE_CHANNELS, Outcome, State, check_noise, check_start
 
 Array = Any
-
-NOISE_CHANNELS = 3  # sensed concentration, curvature, heading
-
-
-class State(NamedTuple):
-    """Everything that changes; nothing is ever changed in place."""
-
-    position: Array  # (..., cells, 2) [length]
-    heading: Array  # (..., cells, 2) unit vector
-    memory: Array  # (..., cells, N_T, features), newest first, see `perception`
-    clock: Array  # (..., cells) ticks lived; without a common tick (..., cells, actions): decisions by action
-    start_concentration: Array  # (..., cells) c(0)
-    finished: Array  # (..., cells) bool: arrived, left the domain or out of time
-    factors: Array = None  # (..., cells, 2) of the cell's speed and curvature; None where all are alike
-    arrival_time: Array = None  # (..., cells) at the egg, infinite before [time]; None where nobody races
-    medium: MediumState | None = None  # what cells have changed; None without a medium
-
-    @property
-    def pose(self) -> Pose:
-        """Position and heading."""
-        return Pose(self.position, self.heading)
-
-
-class Outcome(NamedTuple):
-    """What one decision led to."""
-
-    observation: Array  # (..., cells, N_T · features) float32
-    reward: Array  # (..., cells) as the world's `reward` has it
-    terminated: Array  # (..., cells) bool: reached the egg
-    truncated: Array  # (..., cells) bool: out of time, or left the domain
-    gain: Array  # (..., cells) c(t) − c(0) [concentration]
 
 
 @dataclass(frozen=True)
 class World(Parameters):
-    """A world of cells: its [parameters][swarm.physics.parameters.Parameters], where lives start, and
+    """A world of cells: its [parameters][swarm.physics.world.parameters.Parameters], where lives start, and
     what a decision does.
     """
 
@@ -82,14 +50,14 @@ class World(Parameters):
 
         `position` (..., cells, 2), `heading` (..., cells) [rad], `past` (..., cells, N_T) actions, newest
         first: the cell swam the newest N_T − 1 of them to its pose, alone and in the field and the flow at
-        t = 0, the oldest is only recorded. `factors` (..., cells, 2) are the cells' own of speed and curvature,
-        where the world spreads them, 1 by default. Raises
+        t = 0, the oldest is only recorded. `factors` (..., cells, 2) are the cells' own of speed and
+        curvature, where the world spreads them, 1 by default. Raises
         ValueError on wrong shapes and, where values are known (not inside a jax trace), on a start that is
         not finite, lies outside the field's or the flow's domain, has no finite concentration or whose past
         holds unknown actions; the cell is named.
         """
         xp = namespace(position)
-        self._check_start(position, heading, past)
+        check_start(self, position, heading, past, factors)
         position = join(*components(position))
         heading = join(xp.cos(heading), xp.sin(heading))
         concentration = frozen(self.field, 0.0).concentration(position)
@@ -101,7 +69,8 @@ class World(Parameters):
             for values in (self.curvatures, self.action_speeds, self.intervals)
         ]
         pose = Pose(position, heading)
-        factors = self._factors(position, factors)
+        if self.spread is not None and factors is None:
+            factors = xp.ones_like(position)
         records: list[Sequence[Array]] = []
         for i in range(self.n_records):
             curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
@@ -124,8 +93,7 @@ class World(Parameters):
             finished=finished,
             factors=factors,
         )
-        if self.first_arrivals is not None:
-            self._check_enough(finished)
+        if self.race is not None:
             state = state._replace(arrival_time=xp.full_like(concentration, math.inf))
         if self.medium is not None:
             state = state._replace(medium=self.medium.start(self.field, position))
@@ -148,45 +116,21 @@ class World(Parameters):
             return None
         return namespace(position).ones_like(position) if factors is None else factors
 
-    def _check_start(self, position: Array, heading: Array, past: Array) -> None:
-        xp = namespace(position)
-        cells = tuple(position.shape[:-1])
-        if not cells or position.shape[-1] != 2 or not xp.isdtype(position.dtype, "real floating"):
-            raise ValueError(
-                "position must be floating numbers (..., cells, 2), got "
-                f"{position.dtype} {tuple(position.shape)}"
-            )
-        if tuple(heading.shape) != cells:
-            raise ValueError(
-                f"heading must be {cells} like the cells of position, got {tuple(heading.shape)}"
-            )
-        if tuple(past.shape) != (*cells, self.n_records) or not xp.isdtype(past.dtype, "integral"):
-            raise ValueError(
-                f"past must be whole numbers {(*cells, self.n_records)}, got {past.dtype} {tuple(past.shape)}"
-            )
-        check_cells("position", "be finite", position, xp.all(xp.isfinite(position), axis=-1))
-        check_cells("heading", "be finite", heading, xp.isfinite(heading))
-        known = xp.all((past >= 0) & (past < self.n_actions), axis=-1)
-        check_cells("past", f"hold actions from 0 to {self.n_actions - 1}", past, known)
-        for inside in self.domains:
-            check_cells(
-                "position", "lie inside the domain of the field and the flow", position, inside(position)
-            )
-
     def step(self, state: State, action: Array, noise: Array = None) -> tuple[State, Outcome]:
         """One decision of every cell, whatever its length; a finished cell stays where it is.
 
         `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed
-        when a perturbation is on, and with a `binding_rate` a fourth of uniform ones. Pure: `state` is left as
-        it was.
+        when a perturbation is on, and with a `binding_rate` a fourth of uniform ones. Pure: `state` is left
+        as it was.
         """
         if self.has_noise:
-            self._check_noise(state, noise)
+            check_noise(self, state, noise)
         over = state.finished if self._ends_early or not self.clock.has_common_tick else None
         kick = self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
-        interval = self.swimmer.next_interval(
-            state.clock, action, over, kick, state.position, state.factors
-        )
+        interval = self.swimmer.next_interval(state.clock, action, over, kick, state.position, state.factors)
+        if self._needs_arcs:
+            arcs = self.swimmer.swum_curvature(action, kick, state.position, state.factors)
+            interval = interval._replace(swum=arcs)
         pose, path = self._swim(state, interval)
         medium = None if self.medium is None else self._medium(state, interval, pose)
         if self.rotational_diffusion > 0:
@@ -197,27 +141,25 @@ class World(Parameters):
         if self.concentration_noise > 0:
             sensed = concentration + self.concentration_noise * noise[..., 0]
         if self.binding_rate is not None:
-            sensed = self._counted(state, interval, pose, medium, noise[..., NOISE_CHANNELS])
-        newest = self._record(
-            pose, sensed, interval.curvature, state.finished, interval.count, state.factors
-        )
+            mean = self._mean_concentration(state, interval, pose, medium)
+            sensed = counted(noise[..., NOISE_CHANNELS], mean, self.binding_rate * interval.length)
+        newest = self._record(pose, sensed, interval.curvature, state.finished, interval.count, state.factors)
         memory, observation = perception.renew(state.memory, newest)
         arrival_time = self._arrival_time(state, interval, pose, path)
         terminated, truncated, finished = self._ends(state, interval, pose, path, medium, arrival_time)
         after = State(
-            *pose, memory, interval.count, state.start_concentration, finished, state.factors, arrival_time, medium
+            *pose,
+            memory,
+            interval.count,
+            state.start_concentration,
+            finished,
+            state.factors,
+            arrival_time,
+            medium,
         )
         ends = terminated, truncated, concentration - state.start_concentration
         reward = self.reward.reward(self, state, after, Outcome(observation, None, *ends))
         return after, Outcome(observation, reward, *ends)
-
-    def _check_noise(self, state: State, noise: Array | None) -> None:
-        needed = (*state.finished.shape, NOISE_CHANNELS + (self.binding_rate is not None))
-        if noise is None or tuple(noise.shape) != needed:
-            raise ValueError(
-                f"noise must be standard normal numbers {needed}, because the world has perturbations, "
-                f"got {None if noise is None else tuple(noise.shape)}"
-            )
 
     def time(self, state: State) -> Array:
         """Time lived (..., cells), `life` exactly when it is up [time]."""
@@ -233,15 +175,8 @@ class World(Parameters):
         return found if self.medium is None else self.medium.sense(medium, position, found)
 
     def won(self, state: State) -> Array:
-        """Who has arrived in time (..., cells) bool, in a world with `first_arrivals`."""
-        return state.arrival_time <= self._deadline(state.arrival_time)[..., None]
-
-    def _deadline(self, arrival_time: Array) -> Array:
-        """When the egg closes (...): infinite while it is not known [time]."""
-        assert self.first_arrivals is not None
-        ordered = namespace(arrival_time).sort(arrival_time, axis=-1)
-        latest = ordered[..., self.first_arrivals - 1] + self.block_delay
-        return namespace(latest).clip(latest, None, LATEST)
+        """Who has arrived in time (..., cells) bool; nobody in a world without `first_arrivals`."""
+        return nowhere(state.finished) if self.race is None else self.race.won(state.arrival_time)
 
     # --- what happens within a decision ---------------------------------------------------------------------
 
@@ -254,16 +189,6 @@ class World(Parameters):
         arcs = interval.swum, interval.speed, interval.length
         return company.swim(state.pose, *arcs, ~state.finished, began)
 
-    def _places(self, state: State, interval: Interval, pose: Pose, parts: np.ndarray) -> Array:
-        """Positions (parts, ..., cells, 2) on the way: on the arc, from which the cell is led off evenly."""
-        xp = namespace(pose.position)
-        whole = along_arc(state.pose, arc(interval.swum, interval.speed, interval.length)).position
-        places = []
-        for part in parts.tolist():
-            on_arc = along_arc(state.pose, arc(interval.swum, interval.speed, part * interval.length)).position
-            places.append(on_arc + part * (pose.position - whole))
-        return xp.stack(places)
-
     def _medium(self, state: State, interval: Interval, pose: Pose) -> MediumState:
         """The medium at the end of a decision in which cells ate along their ways."""
         assert self.medium is not None
@@ -273,7 +198,7 @@ class World(Parameters):
             state.medium,
             functools.partial(frozen, self.field),
             functools.partial(frozen, self.flow),
-            self._places(state, interval, pose, parts),
+            self.swimmer.places(state.pose, interval, pose, parts),
             xp.max(interval.length, axis=-1),
             ~state.finished,
             xp.max(self.time(state), axis=-1),
@@ -285,36 +210,26 @@ class World(Parameters):
         fastest = max(self.action_speeds) * (1.0 if self.spread is None else self.spread.largest[0])
         return self.medium.substeps_for(self.flow, fastest, max(self.intervals))
 
-    def _counted(
-        self, state: State, interval: Interval, pose: Pose, medium: MediumState | None, uniform: Array
+    def _mean_concentration(
+        self, state: State, interval: Interval, pose: Pose, medium: MediumState | None
     ) -> Array:
-        """The concentration told by the molecules that have bound in an interval, of mean λ_b ∫ c dt, which
-        three Gauss points on the way give; at the end of it that of a cell which has stayed."""
-        assert self.binding_rate is not None
-        xp = namespace(uniform)
+        """The mean (..., cells) on the way, by three Gauss points [concentration]."""
         points, weights = np.polynomial.legendre.leggauss(3)
         parts = 0.5 * (points + 1)
-        start = self.clock.time(state.clock, pose.position)
+        start = None if self.is_steady else self.time(state)
         mean = 0.0
-        for part, weight, place in zip(
-            parts, weights, self._places(state, interval, pose, parts), strict=True
-        ):
-            field = self.field if self.is_steady else frozen(self.field, start + float(part) * interval.length)
-            found = field.concentration(place)
+        places = self.swimmer.places(state.pose, interval, pose, parts)
+        for i, (part, weight) in enumerate(zip(parts.tolist(), weights.tolist(), strict=True)):
+            field = self.field if start is None else frozen(self.field, start + part * interval.length)
+            found = field.concentration(places[i, ...])
             if self.medium is not None:
-                found = self.medium.sense(medium, place, found)
-            mean = mean + (0.5 * float(weight)) * found
-        volume = self.binding_rate * interval.length
-        some = volume > 0
-        expected = xp.where(some, volume * xp.clip(mean, 0.0, None), xp.ones_like(volume))
-        told = bindings(uniform, expected) / xp.where(some, volume, xp.ones_like(volume))
-        return xp.where(some, told, mean)
+                found = self.medium.sense(medium, places[i, ...], found)
+            mean = mean + 0.5 * weight * found
+        return mean
 
-    def _arrival_time(
-        self, state: State, interval: Interval, pose: Pose, path: Array | None
-    ) -> Array:
+    def _arrival_time(self, state: State, interval: Interval, pose: Pose, path: Array | None) -> Array:
         """When cells (..., cells) came to the egg [time], found on the way; None where nobody races."""
-        if self.first_arrivals is None or self.egg is None:
+        if self.race is None or self.egg is None:
             return None
         centre, radius = self.egg
         if path is None:
@@ -346,6 +261,12 @@ class World(Parameters):
     def _ends_early(self) -> bool:
         """Whether anything but time ends lives."""
         return self.egg is not None or bool(self.domains) or self._follows
+
+    @cached_property
+    def _needs_arcs(self) -> bool:
+        """Whether more is asked of the way than where it ends."""
+        on_the_way = self.egg is not None or self.medium is not None or self.binding_rate is not None
+        return on_the_way or bool(self.interactions)
 
     @cached_property
     def _follows(self) -> bool:
@@ -385,8 +306,9 @@ class World(Parameters):
             truncated = truncated | ~inside(pose.position)
         if self.medium is not None and self._follows:
             truncated = truncated | ~self.medium.inside(pose.position, medium.origin)
-        if arrival_time is not None:
-            terminated = self._race_ends(state, interval, arrival_time)
+        if self.race is not None:
+            now = self.clock.time(interval.count, arrival_time)
+            terminated = self.race.ends(arrival_time, now) & ~state.finished
             truncated = truncated & ~terminated
         elif self.egg is not None:
             centre, radius = self.egg
@@ -400,10 +322,3 @@ class World(Parameters):
         if self._ends_early:
             finished = truncated | terminated | state.finished
         return terminated, truncated, finished
-
-    def _race_ends(self, state: State, interval: Interval, arrival_time: Array) -> Array:
-        """Whose life ends (..., cells) by an arrival: the cell's own, or the last that counts."""
-        xp = namespace(arrival_time)
-        closes = self._deadline(arrival_time)[..., None]
-        over = closes <= self.clock.time(interval.count, arrival_time)
-        return (xp.isfinite(arrival_time) | over) & ~state.finished

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,82 +17,28 @@ from swarm._support.checks import (
     check_box,
     check_count,
     check_flag,
-    check_function,
-    check_methods,
     check_name,
     check_number,
     check_pair,
     optional,
     parameter,
 )
-from swarm._support.registry import TYPE, Registry
-from swarm.physics.crowd.interactions import INTERACTIONS, Interaction, check_interactions
+from swarm.physics.crowd.interactions import Interaction, check_interactions
 from swarm.physics.crowd.medium import Medium, check_medium
+from swarm.physics.crowd.race import Race
 from swarm.physics.crowd.spread import Spread, check_spread
-from swarm.physics.fields import FIELDS, Field
-from swarm.physics.flows import FLOWS, Flow, StillWater
+from swarm.physics.fields import Field
+from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion import clock
 from swarm.physics.motion.clock import Clock
 from swarm.physics.motion.swimmer import Swimmer
-from swarm.physics.perception import SENSORS, Memory, MemoryWithFlow, Sensor, check_sensor
-from swarm.physics.rewards import REWARDS, Reward, check_reward
+from swarm.physics.perception import Memory, MemoryWithFlow, Sensor, check_sensor
+from swarm.physics.rewards import Reward, check_reward
+from swarm.physics.world.rules import as_data, check_curvatures, check_field, check_flow
 
 Array = Any
 
 DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
-PARTS = {"field": FIELDS, "flow": FLOWS, "sensor": SENSORS, "reward": REWARDS}  # one of each in a world
-
-
-# --- rules ------------------------------------------------------------------------------------------------
-
-
-def _check_field(name: str, value: Any) -> Field:
-    field = FIELDS.make(value)
-    check_methods(name, field, ["concentration"], ["gradient_scale"])
-    check_number(f"{name}.gradient_scale", field.gradient_scale, above=0.0)
-    _check_options(name, field)
-    return field
-
-
-def _check_flow(name: str, value: Any) -> Flow:
-    flow = FLOWS.make(value)
-    check_methods(name, flow, ["velocity", "spin"], ["speed_scale", "spin_scale"])
-    for scale in ("speed_scale", "spin_scale"):
-        check_number(f"{name}.{scale}", getattr(flow, scale), at_least=0.0)
-    _check_options(name, flow)
-    return flow
-
-
-def _check_options(name: str, part: Any) -> None:
-    """Checks what a field or a flow need not have."""
-    bounds = ("max_gradient", "max_speed", "max_spin", "max_shear")
-    for option in (*bounds, "period", "egg_radius"):
-        if getattr(part, option, None) is not None:
-            rule = {"at_least" if option in bounds else "above": 0.0}
-            check_number(f"{name}.{option}", getattr(part, option), **rule)
-    if getattr(part, "egg_radius", None) is not None:
-        check_pair(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
-    for option, check in (("box", check_box), ("inside", check_function)):
-        if getattr(part, option, None) is not None:
-            check(f"{name}.{option}", getattr(part, option))
-
-
-def _check_curvatures(name: str, values: Any) -> tuple[float, ...]:
-    try:
-        curvatures = tuple(check_number(name, value) for value in values)
-    except TypeError:
-        raise TypeError(f"{name} must be two or more numbers, got {values!r}") from None
-    if len(curvatures) < 2:
-        raise ValueError(f"{name} must be two or more numbers, got {values!r}")
-    steps = np.diff(curvatures)
-    if curvatures[0] <= 0 or np.any(steps <= 1e-9 * curvatures[-1]):
-        raise ValueError(f"{name} must rise and be positive, got {curvatures}")
-    if np.ptp(steps) > 1e-9 * steps[0]:
-        raise ValueError(f"{name} must be evenly spaced, got {curvatures}")
-    return curvatures
-
-
-# --- parameters and what follows from them ----------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -105,13 +50,13 @@ class Parameters(Checked):
     """
 
     n_records: int = parameter(4, check_count, at_least=2)  # N_T, records a cell keeps
-    field: Field = parameter("linear", _check_field)
-    flow: Flow = parameter("still", _check_flow)
+    field: Field = parameter("linear", check_field)
+    flow: Flow = parameter("still", check_flow)
     sense_flow: bool = parameter(False, check_flag)  # short for sensor="memory_with_flow"
     varying_speed: bool = parameter(False, check_flag)  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
     life: float = parameter(80.0, check_number, above=0.0)  # t_life [time], paper table 1
     start_box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, optional(check_box))
-    curvatures: tuple[float, ...] = parameter((3.0, 5.0), _check_curvatures)  # κ₁ … κ_m [1 / length], table 1
+    curvatures: tuple[float, ...] = parameter((3.0, 5.0), check_curvatures)  # κ₁ … κ_m [1 / length], table 1
     speed: float = parameter(1.0, check_number, above=0.0)  # v [length / time], paper table 1
     speeds: tuple[float, float] = parameter(  # v₁, v₂, paper table 1
         (1.1, 0.9), check_pair, rule="two positive numbers", above=0.0
@@ -160,8 +105,8 @@ class Parameters(Checked):
         """Raises ValueError where what cells share does not go with the rest."""
         if self.is_shared and len(set(self.clock.intervals)) > 1:
             raise ValueError(
-                "interval_rule must be 'common' where cells share a medium, interact or race, so that all decide "
-                f"at the same moments, got {self.interval_rule!r} with intervals of {self.clock.intervals}"
+                "interval_rule must be 'common' where cells share a medium, interact or race, so that all "
+                f"decide at the same moments, got {self.interval_rule!r} with intervals of {self.clock.intervals}"
             )
         if self.first_arrivals is not None and self.egg is None:
             raise ValueError(f"first_arrivals must go with a field that has an egg, got {self.field!r}")
@@ -274,9 +219,13 @@ class Parameters(Checked):
     def swimmer(self) -> Swimmer:
         """What each action does."""
         spacing = self.time_step if self.egg is not None else None  # of the places where its path is tested
-        return Swimmer(
-            self.curvatures, self.action_speeds, self.clock, self.flow, spacing, self.interactions, self.spread
-        )
+        shared = self.interactions, self.spread
+        return Swimmer(self.curvatures, self.action_speeds, self.clock, self.flow, spacing, *shared)
+
+    @cached_property
+    def race(self) -> Race | None:
+        """Who wins, or None where nobody races."""
+        return None if self.first_arrivals is None else Race(self.first_arrivals, self.block_delay)
 
     @cached_property
     def is_shared(self) -> bool:
@@ -286,7 +235,8 @@ class Parameters(Checked):
     @cached_property
     def has_noise(self) -> bool:
         """Whether any perturbation is on, so that `step` needs noise."""
-        return max(self.concentration_noise, self.curvature_noise, self.rotational_diffusion) > 0
+        noise = self.concentration_noise, self.curvature_noise, self.rotational_diffusion
+        return max(noise) > 0 or self.binding_rate is not None
 
     @cached_property
     def in_flow(self) -> bool:
@@ -320,7 +270,9 @@ class Parameters(Checked):
     @cached_property
     def domains(self) -> tuple[Any, ...]:
         """The field's and the flow's `inside`, where they have one."""
-        parts = (getattr(part, "inside", None) for part in (self.field, self.flow))
+        parts = [getattr(part, "inside", None) for part in (self.field, self.flow)]
+        if self.medium is not None and self.medium.leaving == "truncate":
+            parts.append(self.medium.inside)
         return tuple(inside for inside in parts if inside is not None)
 
     @property
@@ -335,16 +287,3 @@ class Parameters(Checked):
     def normal_curvature(self, curvature: Array) -> Array:
         """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""
         return self.swimmer.normal_curvature(curvature)
-
-
-def as_data(name: str, part: Any) -> Any:
-    """A parameter of a world as plain data."""
-
-    def told(registry: Registry, part: Any) -> dict[str, Any]:
-        return registry.describe(part) or {TYPE: type(part).__name__}
-
-    if name in PARTS:
-        return told(PARTS[name], part)
-    if name == "interactions":
-        return [told(INTERACTIONS, each) for each in part]
-    return json.loads(json.dumps(dataclasses.asdict(part) if dataclasses.is_dataclass(part) else part))
