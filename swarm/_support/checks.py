@@ -10,11 +10,9 @@ import numbers
 import operator
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, ClassVar, Self
+from typing import Any
 
-import numpy as np
-
-from swarm._support.arrays import as_array, namespace
+from swarm._support.arrays import namespace
 
 Array = Any
 
@@ -140,25 +138,6 @@ class Checked:
         for item in dataclasses.fields(self):  # type: ignore[arg-type]
             if check := item.metadata.get("check"):
                 object.__setattr__(self, item.name, check(item.name, getattr(self, item.name)))
-
-
-class Unsteady(Checked):
-    """A `Checked` that changes with time: as it is at t = 0, elsewhen by `at`."""
-
-    time: ClassVar[Any] = 0.0
-
-    def at(self, time: Any) -> Self:
-        """It as it stays at `time`, a number or an array that broadcasts with `position[..., 0]`; unchecked,
-        so that it may be traced."""
-        view = object.__new__(type(self))
-        view.__dict__.update(self.__dict__, time=time)
-        return view
-
-    def moment(self, like: Array) -> Array:
-        """The time (...) in the library and with the dtype of `like`; a number becomes an array ()."""
-        if hasattr(self.time, "dtype") and not isinstance(self.time, np.generic):
-            return namespace(like).astype(self.time, like.dtype, copy=False)
-        return as_array(np.asarray(self.time), like)
 
 
 def check_cells(name: str, rule: str, value: Array, good: Array) -> None:

@@ -1,6 +1,7 @@
 """Fields and flows that change with time: their closed forms against independent references."""
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -264,10 +265,12 @@ def test_a_field_is_seen_at_any_time(xp, field):
     np.testing.assert_allclose(together, [alone, alone], rtol=1e-12)
     assert len(set(alone)) == 3
     view = field.at(1.0)
+    assert view.offset == field.offset
     assert (view.gradient_scale, view.max_gradient) == (field.gradient_scale, field.max_gradient)
-    np.testing.assert_array_equal(
-        to_numpy(view.at(7.0).concentration(place)), together[..., 2:] + np.zeros(3)
-    )
+    assert not hasattr(view, "at")
+    assert swarm.fields.describe(view) is None
+    again = pickle.loads(pickle.dumps(view))
+    assert to_numpy(again.concentration(place))[0, 0] == alone[1]
 
 
 def test_the_typical_gradient_is_that_at_the_distance():
@@ -369,6 +372,7 @@ def test_cells_live_in_every_one_of_them_by_its_name():
         (lambda: swarm.ReleasingSource(dimensions=1), r"dimensions must be 2 \(a film\) or 3 .*, got 1"),
         (lambda: swarm.ReleasingSource(dimensions=2.5), "dimensions must be a whole number .*, got 2.5"),
         (lambda: swarm.ShearedSource(age=0.1), r"age must be above core²/2D = 0\.833333, .*, got 0\.1"),
+        (lambda: swarm.ReleasingSource(age=0.1), r"age must be above core²/2D = 0\.833333, .*, got 0\.1"),
         (lambda: swarm.ShearedSource(release="slowly"), "release must be one of at_once, steadily, got"),
         (lambda: swarm.ShearedSource(velocity_gradient=((1, 0), (0, 1))), "velocity_gradient must be .* a"),
         (lambda: swarm.ShearedSource(velocity_gradient=3.0), "velocity_gradient must be .*, got 3.0"),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from swarm._support.arrays import Array, as_array, namespace
+from swarm._support.arrays import Array, as_array, moment, namespace
 from swarm._support.checks import check_name, check_number, parameter
 from swarm.physics.fields.field import FIELDS
 from swarm.physics.fields.sources import CoredEgg
@@ -40,8 +40,8 @@ class ShearedSource(CoredEgg):
 
     What it releases at a time is a Gaussian s later, whose covariance follows Σ̇ = AΣ + ΣAᵀ + 2D I from
     Σ = 0 (in shear Σ_xx = 2Ds(1 + γ²s²/3), Σ_xy = γDs², Σ_yy = 2Ds); in bulk fluid nothing flows along z.
-    Released "at_once", c = c_0 + M G(r; Σ(τ)), τ = t + age; released "steadily", c = c_0 + Q ∫ G(r; Σ(s)) ds
-    from a²/2D, see `core`, to τ, by `NODES` Gauss–Legendre nodes in ln s.
+    Released "at_once", c = c_0 + M G(r; Σ(τ)), τ = t + age, which needs no core; released "steadily", c = c_0
+    + Q ∫ G(r; Σ(s)) ds from a²/2D, see `core`, to τ, by `NODES` Gauss–Legendre nodes in ln s.
 
     The flow is not the world's: with `ShearFlow(u₀, h)` around the same place A is ((0, u₀/h), (0, 0)), the
     default for its defaults. c_k, where it is not given, is that of the same egg in still water.
@@ -49,6 +49,10 @@ class ShearedSource(CoredEgg):
 
     velocity_gradient: Matrix = parameter(((0.0, 0.01), (0.0, 0.0)), check_velocity_gradient)  # A [1 / time]
     release: str = parameter("steadily", check_name, known=("steadily", "at_once"))
+
+    @property
+    def _has_core(self) -> bool:
+        return self.release == "steadily"
 
     def _typical_gradient(self) -> float:
         return self._steady_gradient() if self.release == "steadily" else self._steepest_of_cloud()
@@ -88,9 +92,9 @@ class ShearedSource(CoredEgg):
         density = namespace(x).exp(exponent) * (determinant**-0.5 / (2 * math.pi))
         return density if self.dimensions == 2 else density * (4 * math.pi * self.diffusivity * age) ** -0.5
 
-    def concentration(self, position: Array) -> Array:
+    def concentration(self, position: Array, time: Array = 0.0) -> Array:
         x, y = self._from_egg(position)
-        age = self.moment(position) + self.age
+        age = moment(time, position) + self.age
         if self.release == "at_once":
             return self.offset + self.strength * self._cloud(x, y, age)
         xp, shape = namespace(position), (-1, *(1,) * x.ndim)

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from swarm._support.arrays import Array, namespace
-from swarm._support.checks import Unsteady, check_count, check_number, check_pair, optional, parameter
-from swarm.physics.fields.field import FIELDS
+from swarm._support.arrays import Array, moment, namespace
+from swarm._support.checks import Checked, check_count, check_number, check_pair, optional, parameter
+from swarm.physics.fields.field import FIELDS, FrozenField
 from swarm.physics.fields.special import erfc, exponential_integral, scaled_erfc
 
 # Where a Gaussian's steady cloud is steepest: the largest (1 − e^{−x²})/x and (erf x − 2x e^{−x²}/√π)/x².
@@ -30,7 +30,7 @@ def gaussian_peak(variance: float, dimensions: int) -> float:
 
 
 @dataclass(frozen=True)
-class Source(Unsteady):
+class Source(Checked):
     """What sources have in common. Their c_k is a number that never changes: as given, else the gradient at
     `distance` that the class names."""
 
@@ -45,6 +45,10 @@ class Source(Unsteady):
         super().__post_init__()
         if self.gradient_scale is None:
             object.__setattr__(self, "gradient_scale", self._typical_gradient())
+
+    def at(self, time: Array) -> FrozenField:
+        """The field frozen at `time`, see `FrozenField`."""
+        return FrozenField(self, time)
 
     def _typical_gradient(self) -> float:
         return self.strength / (4 * math.pi * self.diffusivity * self.distance**2)
@@ -94,9 +98,13 @@ class CoredEgg(Egg):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.core_time >= self.age:
+        if self._has_core and self.core_time >= self.age:
             rule = f"age must be above core²/2D = {self.core_time:g}"
             raise ValueError(f"{rule}, from when on there is something, got {self.age:g}")
+
+    @property
+    def _has_core(self) -> bool:
+        return True
 
     @property
     def core_time(self) -> float:
@@ -133,9 +141,9 @@ class ReleasedSource(Egg):
 
     _typical_gradient = Egg._steepest_of_cloud
 
-    def concentration(self, position: Array) -> Array:
+    def concentration(self, position: Array, time: Array = 0.0) -> Array:
         x, y = self._from_egg(position)
-        spread = 4 * self.diffusivity * (self.moment(position) + self.age)
+        spread = 4 * self.diffusivity * (moment(time, position) + self.age)
         cloud = namespace(position).exp(-(x * x + y * y) / spread)
         return self.offset + self.strength * (math.pi * spread) ** (-0.5 * self.dimensions) * cloud
 
@@ -166,10 +174,10 @@ class ReleasingSource(CoredEgg):
 
     _typical_gradient = Egg._steady_gradient
 
-    def concentration(self, position: Array) -> Array:
+    def concentration(self, position: Array, time: Array = 0.0) -> Array:
         xp = namespace(position)
         x, y = self._from_egg(position)
-        spread = 4 * self.diffusivity * (self.moment(position) + self.age)
+        spread = 4 * self.diffusivity * (moment(time, position) + self.age)
         square = xp.clip(x * x + y * y, self._shortest(self.core, position) ** 2, None)
         core = 2 * self.core**2
         scale = self.strength / (4 * math.pi * self.diffusivity)
@@ -206,9 +214,9 @@ class MovingSource(Source):
         """Bound of |∂c/∂t| = |v·∇c|."""
         return math.hypot(*self.velocity) * self.max_gradient
 
-    def concentration(self, position: Array) -> Array:
-        xp, time = namespace(position), self.moment(position)
-        x, y = (position[..., i] - (self.position[i] + self.velocity[i] * time) for i in (0, 1))
+    def concentration(self, position: Array, time: Array = 0.0) -> Array:
+        xp, now = namespace(position), moment(time, position)
+        x, y = (position[..., i] - (self.position[i] + self.velocity[i] * now) for i in (0, 1))
         shortest = self._shortest(self.core, position)
         r = xp.sqrt(xp.clip(x * x + y * y, shortest**2, None))
         speed, width = math.hypot(*self.velocity), math.sqrt(2) * self.core

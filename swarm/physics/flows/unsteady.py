@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from swarm._support.arrays import Array, join, namespace
-from swarm._support.checks import Unsteady, check_number, parameter
-from swarm.physics.flows.flow import FLOWS
+from swarm._support.arrays import Array, moment, namespace
+from swarm._support.checks import Checked, check_number, parameter
+from swarm.physics.flows.flow import FLOWS, FrozenFlow
 from swarm.physics.flows.vortices import TaylorGreen
 
 
 @FLOWS.register("oscillating_taylor_green")
 @dataclass(frozen=True)
-class OscillatingTaylorGreen(TaylorGreen, Unsteady):
+class OscillatingTaylorGreen(TaylorGreen):
     """Taylor–Green vortices that swing along x: at t those of `TaylorGreen` at (x − φ/k, y), with the phase
     φ = φ₀ sin Ωt (Solomon & Gollub 1988, Phys. Rev. A 38, 6280)."""
 
@@ -25,15 +25,19 @@ class OscillatingTaylorGreen(TaylorGreen, Unsteady):
         """Bound of |∂u/∂t|/u₀, Ω(1 + φ₀) [rad / time]: Ω, and how fast the vortices pass."""
         return self.frequency * (1 + self.phase)
 
-    def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """u_x, u_y and ω₀ (...) at the places (x, y)."""
-        swing = namespace(x).sin(self.frequency * self.moment(x)) * (self.phase / self.wavenumber)
+    def at(self, time: Array) -> FrozenFlow:
+        """The flow frozen at `time`, see `FrozenFlow`."""
+        return FrozenFlow(self, time)
+
+    def velocity_and_spin(self, x: Array, y: Array, time: Array = 0.0) -> tuple[Array, Array, Array]:
+        """u_x, u_y and ω₀ (...) at the places (x, y) and at `time`."""
+        swing = namespace(x).sin(self.frequency * moment(time, x)) * (self.phase / self.wavenumber)
         return super().velocity_and_spin(x - swing, y)
 
 
 @FLOWS.register("double_gyre")
 @dataclass(frozen=True)
-class DoubleGyre(Unsteady):
+class DoubleGyre(Checked):
     """Two gyres side by side in [0, 2L] × [0, L], whose border swings (Shadden, Lekien & Marsden 2005,
     Physica D 212, 271; the defaults are theirs): ψ = AL sin(πf) sin(πY), X = x/L, Y = y/L,
     f = ε sin(Ωt) X² + (1 − 2ε sin Ωt) X, u = (−∂ψ/∂y, ∂ψ/∂x).
@@ -88,11 +92,15 @@ class DoubleGyre(Unsteady):
         """Default start box: all there is."""
         return (0.0, 2 * self.size), (0.0, self.size)
 
-    def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """u_x, u_y and ω₀ (...) at the places (x, y)."""
+    def at(self, time: Array) -> FrozenFlow:
+        """The flow frozen at `time`, see `FrozenFlow`."""
+        return FrozenFlow(self, time)
+
+    def velocity_and_spin(self, x: Array, y: Array, time: Array = 0.0) -> tuple[Array, Array, Array]:
+        """u_x, u_y and ω₀ (...) at the places (x, y) and at `time`."""
         xp = namespace(x)
         across, up = xp.clip(x / self.size, 0.0, 2.0), math.pi * xp.clip(y / self.size, 0.0, 1.0)
-        swing = self.displacement * xp.sin(self.frequency * self.moment(x))
+        swing = self.displacement * xp.sin(self.frequency * moment(time, x))
         border = math.pi * across * (swing * (across - 2) + 1)  # πf
         slope = 2 * swing * (across - 1) + 1  # f'
         sine, cosine, sine_up = xp.sin(border), xp.cos(border), xp.sin(up)
@@ -104,11 +112,10 @@ class DoubleGyre(Unsteady):
         )
 
     def velocity(self, position: Array) -> Array:
-        x, y, _ = self.velocity_and_spin(position[..., 0], position[..., 1])
-        return join(x, y)
+        return self.at(0.0).velocity(position)
 
     def spin(self, position: Array) -> Array:
-        return self.velocity_and_spin(position[..., 0], position[..., 1])[2]
+        return self.at(0.0).spin(position)
 
     def inside(self, position: Array) -> Array:
         """Whether `position` (..., 2) lies in the gyres, bool (...)."""
