@@ -1,8 +1,8 @@
 """Special functions that the array API lacks, of arrays of any library: E₁, erfc and e^{x²} erfc.
 
-Each is its behaviour at infinity times a polynomial in 1 − 2h/(x + h), which maps x ≥ 0 to [−1, 1): right to
-about 1e-14 of its value in float64, 1e-6 in float32. The polynomials interpolate continued fractions at
-Chebyshev points (for erfc: Shepherd & Laframboise 1981, Math. Comp. 36, 249).
+Each is its behaviour at infinity times a polynomial in 1 − 2h/(x + h), which maps x ≥ 0 to [−1, 1), near 0 a
+power series: right to 1e-12 of its value in float64, in float32 to rounding of the exponent. The polynomials
+interpolate continued fractions at Chebyshev points (for erfc: Shepherd & Laframboise 1981, Math. Comp. 36, 249).
 """
 
 from __future__ import annotations
