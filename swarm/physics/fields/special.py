@@ -2,7 +2,7 @@
 
 Each is its behaviour at infinity times a polynomial in 1 − 2h/(x + h), which maps x ≥ 0 to [−1, 1), near 0 a
 power series: right to 1e-12 of its value in float64, in float32 to rounding of the exponent. The polynomials
-interpolate continued fractions at Chebyshev points (for erfc: Shepherd & Laframboise 1981, Math. Comp. 36, 249).
+interpolate continued fractions at Chebyshev points (erfc: Shepherd & Laframboise 1981, Math. Comp. 36, 249).
 """
 
 from __future__ import annotations
