@@ -3,8 +3,8 @@
 A field is any object with `concentration(position)` and `gradient_scale`. Further attributes are used when
 they are there and not None: `max_gradient` (a bound of |∇c|, for the observation space), `egg_radius` and
 `egg_position` (the egg, whose reach ends a life), `inside(position)` (where the field is known; a cell that
-leaves is truncated) and `box` (the default start box). One that changes has `at(time)`, which returns it frozen
-at a time, and may have `max_rate`, a bound of |∂c/∂t|; scales, bounds and egg never change.
+leaves is truncated) and `box` (the default start box). One that changes has `at(time)`, which returns it
+frozen at a time, and may have `max_rate`, a bound of |∂c/∂t|; scales, bounds and egg never change.
 """
 
 from __future__ import annotations

@@ -6,9 +6,9 @@ largest values. Used when there and not None: `period` (length after which the f
 (the default start box, else one period), `max_speed` and `max_spin` (bounds of |u| and |ω₀|, for the
 observation space), `max_shear` (a bound of the velocity's derivatives, where they exceed the spin),
 `inside(position)` (where the flow is known; a cell that leaves is truncated) and `velocity_and_spin(x, y)`
-(u_x, u_y and ω₀ of all places at one go, for speed). One that changes has `at(time)`, which returns it frozen at a
-time, and may have `max_frequency`, a bound [rad / time] of how fast the velocity at a place turns, for the
-integration; scales and bounds never change.
+(u_x, u_y and ω₀ of all places at one go, for speed). One that changes has `at(time)`, which returns it
+frozen at a time, and may have `max_frequency`, a bound [rad / time] of how fast the velocity at a
+place turns, for the integration; scales and bounds never change.
 """
 
 from __future__ import annotations
