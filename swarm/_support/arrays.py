@@ -53,6 +53,13 @@ def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:
         return xp.asarray(values, dtype=chosen)
 
 
+def moment(time: Any, like: Array) -> Array:
+    """A time (...) in the library and with the dtype of `like`; a number becomes an array ()."""
+    if hasattr(time, "dtype") and not isinstance(time, np.generic):
+        return namespace(like).astype(time, like.dtype, copy=False)
+    return as_array(np.asarray(time), like)
+
+
 def join(*parts: Array) -> Array:
     """Arrays (...) side by side along a new last axis (..., parts).
 
