@@ -14,7 +14,7 @@ from gymnasium.logger import warn
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
 from swarm._support.checks import check_count, check_name
-from swarm.physics.starts import Draws, Starts, draw_starts, noise_of
+from swarm.physics.starts import Draws, SpreadStarts, Starts, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
 
 RENDER_MODES = ["human", "rgb_array"]
@@ -134,7 +134,7 @@ class Arena:
             del self._fresh[number]
         return observation
 
-    def _starts(self, seed: int, episode: int) -> Starts:
+    def _starts(self, seed: int, episode: int) -> Starts | SpreadStarts:
         return draw_starts(self.world, self.n_swimmers, seed, population=POPULATION, episode=episode)
 
     def _begun(self, episode: int) -> tuple[State, np.ndarray]:
@@ -149,8 +149,8 @@ class Arena:
             )
         return self._fresh[episode]
 
-    def _factors(self, starts: Starts) -> np.ndarray | None:
-        return None if starts.factors is None else starts.factors.astype(self.dtype)
+    def _factors(self, starts: Starts | SpreadStarts) -> np.ndarray | None:
+        return starts.factors.astype(self.dtype) if isinstance(starts, SpreadStarts) else None
 
     def table(self) -> np.ndarray:
         """x, y [length], heading in [−π, π] [rad] and curvature [1 / length] of every cell (cells, 4)."""

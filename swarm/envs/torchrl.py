@@ -133,9 +133,7 @@ class SwarmEnv(EnvBase):
             for episode in np.unique(self.episode[block[chosen[block]]]).tolist():
                 members = block[chosen[block] & (self.episode[block] == episode)]
                 starts = draw_starts(self.world, cells, seed, population=self.population, episode=episode)
-                for whole, part in zip((position, heading, past, factors), starts, strict=True):
-                    if part is None:
-                        continue
+                for whole, part in zip((position, heading, past, factors), starts, strict=False):
                     whole[members] = part.reshape(len(block), *whole.shape[1:])[members - block[0]]
         drawn = (position, heading, past) if self.world.spread is None else (position, heading, past, factors)
         return self._begin(self.world.start(*map(self._array, drawn)), chosen)

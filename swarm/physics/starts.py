@@ -22,12 +22,20 @@ class Starts(NamedTuple):
     position: np.ndarray  # (cells, 2) [length]
     heading: np.ndarray  # (cells,) in [−π, π) [rad]
     past: np.ndarray  # (cells, N_T) actions, newest first
-    factors: np.ndarray | None = None  # (cells, 2) of speed and curvature, where the world spreads them
+
+
+class SpreadStarts(NamedTuple):
+    """What a life begins with in a world whose cells are not alike: `Starts`, and what each cell is."""
+
+    position: np.ndarray
+    heading: np.ndarray
+    past: np.ndarray
+    factors: np.ndarray  # (cells, 2) of speed and curvature
 
 
 def draw_starts(
     world: World, cells: int, seed: int, *, population: streams.Population = "test", episode: int = 0
-) -> Starts:
+) -> Starts | SpreadStarts:
     """Starts uniform in the world's box and in heading, with a random past, in float64.
 
     Poses are the same for every N_T. Starts within reach of the egg are drawn again. Raises ValueError where
@@ -48,11 +56,11 @@ def draw_starts(
         )
     pasts = streams.generator(population, "past", seed, episode)
     past = pasts.integers(world.n_actions, size=(cells, world.n_records))
-    factors = None
-    if world.spread is not None:
-        normal = streams.generator(population, "spread", seed, episode).standard_normal((cells, 2))
-        factors = world.spread.factors(normal)
-    return Starts(poses[:, :2].copy(), poses[:, 2].copy(), past, factors)
+    starts = Starts(poses[:, :2].copy(), poses[:, 2].copy(), past)
+    if world.spread is None:
+        return starts
+    normal = streams.generator(population, "spread", seed, episode).standard_normal((cells, 2))
+    return SpreadStarts(*starts, world.spread.factors(normal))
 
 
 def noise_of(world: World) -> Callable[..., np.ndarray]:

@@ -93,8 +93,8 @@ class Dipole(Pairwise):
     """The flow of a force dipole, p > 0 a pusher, at the angle θ from the heading of its cell.
 
     In a thin film u = p cos 2θ r̂/(4πηr) with the spin p sin 2θ/(4πηr²); in bulk fluid, in the cells' plane,
-    u = p (3cos²θ − 1) r̂/(8πηr²) with the spin 3p sin 2θ/(16πηr³). Within the core ε they are smooth: powers of
-    r are those of √(r² + ε²). From 0.8 of the cutoff on it fades to nothing at the cutoff.
+    u = p (3cos²θ − 1) r̂/(8πηr²) with the spin 3p sin 2θ/(16πηr³). Within the core ε they are smooth: powers
+    of r are those of √(r² + ε²). From 0.8 of the cutoff on it fades to nothing at the cutoff.
     """
 
     strength: float = parameter(0.1, check_number)  # p/η, film [length² / time], bulk [length³ / time]

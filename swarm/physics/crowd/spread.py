@@ -25,8 +25,8 @@ class Spread(Checked):
     """Standard deviations, relative to the mean, of the cells' speed and mean curvature.
 
     Each cell has a factor of its own for the speed, and one for all its curvatures, normally distributed up
-    to three standard deviations. A record of curvature tells the action; the sensor `memory_with_traits` records
-    both factors too. Decisions last as long for all: ΔT is that of the mean cell.
+    to three standard deviations. A record of curvature tells the action; the sensor `memory_with_traits`
+    records both factors too. Decisions last as long for all: ΔT is that of the mean cell.
     """
 
     speed: float = parameter(0.0, _check_part)

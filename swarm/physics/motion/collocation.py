@@ -69,7 +69,8 @@ class Collocation:
         if cheapest is None:
             raise ValueError(
                 f"{getattr(flow, 'thing', 'flow')} must vary slowly enough to be followed in {SUBSTEPS[-1]} "
-                f"substeps per interval of {duration:g}, got speed_scale = {flow.speed_scale:g} and spin_scale = {flow.spin_scale:g}"
+                f"substeps per interval of {duration:g}, got speed_scale = {flow.speed_scale:g} and "
+                f"spin_scale = {flow.spin_scale:g}"
             )
         _, nodes, sweeps, substeps = cheapest
         outputs = 0 if spacing is None else math.ceil(duration / substeps / spacing - 1e-9)
@@ -93,8 +94,12 @@ class Collocation:
     def integrals(self, ends: np.ndarray) -> np.ndarray:
         """Integrals (ends, nodes) of the nodes' Lagrange polynomials from 0 to each end."""
         powers = np.arange(self.nodes)
-        vandermonde = self.fractions[:, None] ** powers
-        return (ends[:, None] ** (powers + 1) / (powers + 1)) @ np.linalg.inv(vandermonde)
+        return (ends[:, None] ** (powers + 1) / (powers + 1)) @ self._polynomials
+
+    @cached_property
+    def _polynomials(self) -> np.ndarray:
+        """Coefficients (powers, nodes) of the nodes' Lagrange polynomials."""
+        return np.linalg.inv(self.fractions[:, None] ** np.arange(self.nodes))
 
     def motions(self, curvature: Array, speed: Array, duration: Array) -> Motion:
         """Motions (2, targets, ...) along the arc from the start of a substep to each target."""

@@ -111,9 +111,9 @@ class Company:
         return tuple(each for each in self.interactions if not isinstance(each, Contact))
 
     @cached_property
-    def pushes(self) -> int:
-        """The number by which `call_outside` knows what contact does."""
-        return outside(Pushes(self.contacts, self.scheme))
+    def pushes(self) -> tuple[int, int]:
+        """The numbers by which `call_outside` knows what contact does, roughly and as it should be."""
+        return tuple(outside(Pushes(self.contacts, self.scheme, step)) for step in (2 * STEP, STEP))
 
     @property
     def sweeps(self) -> int:
@@ -171,7 +171,9 @@ class Company:
                 u = v = along[0] * 0
             if self.contacts and sweep >= self.sweeps - 2:  # once to feel them where they are, once to end
                 given = (now.alive, now.pose.position, heading_x, heading_y)
-                push = self._push(*given, now.curvature, now.speed, now.step, u, v)
+                push = self._push(
+                    self.pushes[sweep == self.sweeps - 1], *given, now.curvature, now.speed, now.step, u, v
+                )
                 x, y = x + push[0, ...], y + push[1, ...]
         end = turned((tangent[0][-1, ...], tangent[1][-1, ...]), cosine[-1, ...], sine[-1, ...])
         return Pose(join(x[-1, ...], y[-1, ...]), unit(*end)), join(x[n:-1, ...], y[n:-1, ...])
@@ -192,14 +194,14 @@ class Company:
             u, v, spin = u + du, v + dv, spin + turning
         return u, v, spin
 
-    def _push(self, alive: Array, position: Array, *smooth: Array) -> Array:
+    def _push(self, number: int, alive: Array, position: Array, *smooth: Array) -> Array:
         """What `Pushes` finds (2, targets, ..., cells), for any leading axes."""
         xp, shape = namespace(position), alive.shape
         worlds = (-1, shape[-1])
         flat = [xp.reshape(each, (*each.shape[: each.ndim - len(shape)], *worlds)) for each in smooth]
         given = xp.reshape(alive, worlds), xp.reshape(position, (*worlds, 2)), *flat
         targets = len(self.scheme.targets)
-        found = call_outside(self.pushes, (2, targets, *given[0].shape), position, *given)
+        found = call_outside(number, (2, targets, *given[0].shape), position, *given)
         return xp.reshape(found, (2, targets, *shape))
 
 

@@ -1,13 +1,14 @@
 """Pushes: how far contact displaces cells from the paths that they would swim without it.
 
 The displacement δ obeys δ' = Σ μK (d − r) r̂ along given smooth paths. Contact is stiff, but few pairs touch
-at a time: a substep is cut into windows, the pairs that could touch within one are found from the paths, and these
-alone go through Runge–Kutta steps of fourth order (second through the kink at r = d).
+at a time: a substep is cut into windows, the pairs that could touch within one are found from the paths, and
+these alone go through Runge–Kutta steps of fourth order (second through the kink at r = d).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Self
@@ -23,6 +24,9 @@ from swarm.physics.motion.collocation import Collocation
 WINDOW = 0.5  # a cell swims at most this part of the diameter within a window
 STEP = 0.65  # μK times the length of a Runge–Kutta step, of a pair; in a cluster less
 MAX_STEPS = 4000  # of an interval
+FEW = 4096  # cells × pairs up to which sums over pairs are products with a matrix
+SLACK = 0.25  # of what a cell swims in a window: arcs of a radian bend off by less
+TINY = 1e-30  # [length²], so that concentric cells do not push
 
 
 class Track(NamedTuple):
@@ -60,6 +64,7 @@ class Pushes:
 
     contacts: tuple[Contact, ...]
     scheme: Collocation
+    step: float = STEP  # see there
 
     @cached_property
     def diameter(self) -> float:
@@ -100,20 +105,26 @@ class Pushes:
         x, y = track.at(self.scheme, np.arange(windows + 1) / windows)
         push = xp.zeros((2, rows.shape[0]), dtype=track.x.dtype, device=track.x.device)
         found = [push] * len(self.scheme.targets)
+        path = xp.stack([x, y], axis=1)
+        apart = path[..., first] - path[..., second]
+        clear = xp.min(_nearest(apart[:-1, ...], apart[1:, ...]), axis=-1).tolist()  # without pushes
+        pushed = 0.0  # the most of any cell
         for window in range(windows):
-            now, later = (xp.stack([x[place, :], y[place, :]]) + push for place in (window, window + 1))
-            near = self._near(now, later, (first, second), far / windows)
-            moment = self.scheme.targets * windows - window  # of the targets, in this window from 0 to 1
-            inside = [int(k) for k in np.flatnonzero((moment > 0) & (moment <= 1))]
-            snapshots = [push, push]
-            if near.shape[0]:
-                snapshots = self._through(track, (first[near], second[near]), push, window / windows, windows)
-            for k in inside:
-                step = moment[k] * (len(snapshots) - 1)
-                before = min(int(step), len(snapshots) - 2)
-                part = float(step - before)
-                found[k] = (1 - part) * snapshots[before] + part * snapshots[before + 1]
-            push = snapshots[-1]
+            moments = self.scheme.targets * windows - window  # of the targets, in this window from 0 to 1
+            inside = [k for k in np.argsort(moments).tolist() if 0 < moments[k] <= 1]
+            deltas = [push] * len(inside)
+            if clear[window] < self.diameter + SLACK * far / windows + 2 * pushed:
+                near = self._near(
+                    path[window, ...] + push, path[window + 1, ...] + push, (first, second), far / windows
+                )
+                if near.shape[0]:
+                    chosen = first[near], second[near]
+                    *deltas, push = self._through(
+                        track, chosen, push, (window, windows), moments[inside].tolist()
+                    )
+                    pushed = float(xp.max(xp.abs(push))) * 2**0.5
+            for k, delta in zip(inside, deltas, strict=True):
+                found[k] = delta
         return replaced(still, rows, xp.stack(found, axis=1))
 
     def _near(self, now: Array, later: Array, pairs: tuple[Array, Array], far: float) -> Array:
@@ -123,15 +134,12 @@ class Pushes:
         xp = namespace(now)
         first, second = pairs
         apart = now[:, first] - now[:, second]
-        moved = later[:, first] - later[:, second] - apart
-        length = xp.sum(moved * moved, axis=0)
-        part = xp.clip(-xp.sum(apart * moved, axis=0) / (length + 1e-30), 0.0, 1.0)
-        nearest = xp.sum((apart + part * moved) ** 2, axis=0) ** 0.5
-        overlap = float(xp.max(self.diameter - xp.sum(apart * apart, axis=0) ** 0.5))
-        slack = 0.25 * far  # arcs of at most a radian bend off by less
+        nearest = _nearest(apart, later[:, first] - later[:, second])
+        slack = SLACK * far
         near = nearest < self.diameter + slack
         if not bool(xp.any(near)):
             return xp.nonzero(near)[0]
+        overlap = float(xp.max(self.diameter - xp.sum(apart * apart, axis=0) ** 0.5))
         pushed = far + max(overlap, 0.0)  # how far a cell may be pushed meanwhile
         for _ in range(2):  # those that touch may be pushed into others
             touching = xp.astype(near, now.dtype)
@@ -141,9 +149,15 @@ class Pushes:
         return xp.nonzero(near)[0]
 
     def _through(
-        self, track: Track, pairs: tuple[Array, Array], push: Array, begin: float, windows: int
+        self,
+        track: Track,
+        pairs: tuple[Array, Array],
+        push: Array,
+        window: tuple[int, int],
+        moments: list[float],
     ) -> list[Array]:
-        """δ (2, cells) after every step of a window that begins after this part of the substep."""
+        """δ (2, cells) at rising moments of a window, its number and how many there are, and at its end."""
+        number, windows = window
         xp = namespace(push)
         rows, place = xp.unique_inverse(xp.concat(pairs))
         half = pairs[0].shape[0]
@@ -152,30 +166,56 @@ class Pushes:
         crowding = max(1.0, 0.5 * float(xp.max(degree)))
         some = track.of(rows)
         longest = float(xp.max(xp.abs(some.step)))
-        steps = max(1, math.ceil(self.stiffness * longest / windows * crowding / STEP))
-        parts = begin + np.arange(2 * steps + 1) / (2 * steps * windows)
+        steps = max(1, math.ceil(self.stiffness * longest / windows * crowding / self.step))
+        parts = (number + np.arange(2 * steps + 1) / (2 * steps)) / windows
         path = xp.stack(some.at(self.scheme, parts), axis=1)  # (halves, 2, cells)
         span = some.step / (steps * windows)
-        at = push[:, rows]
-        snapshots = [push]
-        for number in range(steps):
-            start, middle, end = (path[2 * number + i, ...] for i in range(3))
-            k1 = span * self._force(start + at, first, second)
-            k2 = span * self._force(middle + at + 0.5 * k1, first, second)
-            k3 = span * self._force(middle + at + 0.5 * k2, first, second)
-            k4 = span * self._force(end + at + k3, first, second)
-            at = at + (k1 + 2 * (k2 + k3) + k4) / 6
-            snapshots.append(replaced(push, rows, at))
-        return snapshots
+        force = self._force(first, second, rows.shape[0], span)
+        at, found, wanted = push[:, rows], [], [moment * steps for moment in moments]
+        for done in range(steps):
+            start, middle, end = (path[2 * done + i, ...] for i in range(3))
+            k1 = force(start + at)
+            k2 = force(middle + (at + 0.5 * k1))
+            k3 = force(middle + (at + 0.5 * k2))
+            k4 = force(end + (at + k3))
+            moved = (k1 + 2 * (k2 + k3) + k4) / 6
+            while len(found) < len(wanted) and wanted[len(found)] <= done + 1:
+                found.append(at + (wanted[len(found)] - done) * moved)
+            at = at + moved
+        found += [at] * (len(wanted) - len(found) + 1)  # rounding may leave out the last
+        return [replaced(push, rows, each) for each in found]
 
-    def _force(self, place: Array, first: Array, second: Array) -> Array:
-        """Velocities (2, cells) by which pairs at places (2, cells) part."""
-        xp = namespace(place)
-        apart = place[:, first] - place[:, second]
-        distance = (apart[0, :] ** 2 + apart[1, :] ** 2) ** 0.5 + 1e-30
-        total = 0.0
-        for each in self.contacts:
-            total = total + each.stiffness * xp.clip(each.diameter - distance, 0.0, None)
-        pull = apart * (total / distance)
+    def _force(self, first: Array, second: Array, cells: int, span: Array) -> Callable[[Array], Array]:
+        """How far pairs at places (2, cells) are parted (2, cells) in a time `span` (cells,)."""
+        xp = namespace(span)
+        if few := cells * first.shape[0] <= FEW:
+            number = xp.arange(cells, device=first.device)[:, None]
+            sides = xp.astype(number == first, span.dtype) - xp.astype(number == second, span.dtype)
+            back = xp.permute_dims(sides, (1, 0)) * span
         rows = xp.concat([first, second])
-        return xp.stack([added_up(xp.concat([part, -part]), rows, place.shape[1]) for part in pull])
+        nothing = xp.zeros_like(first, dtype=span.dtype)
+
+        def force(place: Array) -> Array:
+            apart = place @ sides if few else place[:, first] - place[:, second]
+            squared = apart * apart
+            distance = xp.sqrt(squared[0, :] + squared[1, :] + TINY)
+            rate = nothing
+            for each in self.contacts:
+                rate = rate + each.stiffness * xp.maximum(each.diameter / distance - 1, nothing)
+            pull = apart * rate
+            if few:
+                return pull @ back
+            return span * xp.stack(
+                [added_up(xp.concat([pull[i, :], -pull[i, :]]), rows, cells) for i in range(2)]
+            )
+
+        return force
+
+
+def _nearest(before: Array, after: Array) -> Array:
+    """How near (..., pairs) two cells come whose separation (..., 2, pairs) changes evenly [length]."""
+    xp = namespace(before)
+    moved = after - before
+    length = xp.sum(moved * moved, axis=-2)
+    part = xp.clip(-xp.sum(before * moved, axis=-2) / (length + TINY), 0.0, 1.0)
+    return xp.sum((before + part[..., None, :] * moved) ** 2, axis=-2) ** 0.5

@@ -106,7 +106,7 @@ class Parameters(Checked):
         if self.is_shared and len(set(self.clock.intervals)) > 1:
             raise ValueError(
                 "interval_rule must be 'common' where cells share a medium, interact or race, so that all "
-                f"decide at the same moments, got {self.interval_rule!r} with intervals of {self.clock.intervals}"
+                f"decide at the same moments, got {self.interval_rule!r} with {self.clock.intervals}"
             )
         if self.first_arrivals is not None and self.egg is None:
             raise ValueError(f"first_arrivals must go with a field that has an egg, got {self.field!r}")
