@@ -134,7 +134,7 @@ class Arena:
             del self._fresh[number]
         return observation
 
-    def _starts(self, seed: int, episode: int) -> Starts | SpreadStarts:
+    def _starts(self, seed: int, episode: int) -> Starts:
         return draw_starts(self.world, self.n_swimmers, seed, population=POPULATION, episode=episode)
 
     def _begun(self, episode: int) -> tuple[State, np.ndarray]:
@@ -149,8 +149,9 @@ class Arena:
             )
         return self._fresh[episode]
 
-    def _factors(self, starts: Starts | SpreadStarts) -> np.ndarray | None:
-        return starts.factors.astype(self.dtype) if isinstance(starts, SpreadStarts) else None
+    def _factors(self, starts: Starts) -> np.ndarray | None:
+        given: Any = starts
+        return given.factors.astype(self.dtype) if isinstance(given, SpreadStarts) else None
 
     def table(self) -> np.ndarray:
         """x, y [length], heading in [−π, π] [rad] and curvature [1 / length] of every cell (cells, 4)."""

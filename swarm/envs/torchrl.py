@@ -197,10 +197,8 @@ class SwarmEnv(EnvBase):
 
     def load_state_dict_of_env(self, arrays: dict[str, Tensor]) -> None:
         """Go on from what `state_dict_of_env` gave."""
-        assert self._state is not None, "restart() must come first"
-        held = self._state.named("state")
-        named = {name: self._bare(arrays[name].to(self._place)) for name in held}
-        state = self._state.with_named(named, "state")
+        held = {name: each for name, each in arrays.items() if name.startswith("state.")}
+        state = State.of_named({n: self._bare(each.to(self._place)) for n, each in held.items()}, "state")
         if not self._in_numpy:
             parts = {name: _part_by_part(getattr(state, name)) for name in ("position", "heading", "memory")}
             state = state._replace(**parts)

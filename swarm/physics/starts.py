@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class SpreadStarts(NamedTuple):
 
 def draw_starts(
     world: World, cells: int, seed: int, *, population: streams.Population = "test", episode: int = 0
-) -> Starts | SpreadStarts:
+) -> Starts:
     """Starts uniform in the world's box and in heading, with a random past, in float64.
 
     Poses are the same for every N_T. Starts within reach of the egg are drawn again. Raises ValueError where
@@ -60,7 +60,7 @@ def draw_starts(
     if world.spread is None:
         return starts
     normal = streams.generator(population, "spread", seed, episode).standard_normal((cells, 2))
-    return SpreadStarts(*starts, world.spread.factors(normal))
+    return cast(Starts, SpreadStarts(*starts, world.spread.factors(normal)))  # a tuple cannot grow
 
 
 def noise_of(world: World) -> Callable[..., np.ndarray]:

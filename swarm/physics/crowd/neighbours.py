@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from swarm._support.arrays import Array, added_up, is_numpy_or_torch, namespace
 from swarm._support.compiler import compiling
@@ -19,7 +19,7 @@ class Pairs(NamedTuple):
     maker: Array  # (2 · pairs,) row of the cell that moves it
 
     def drift(
-        self, interaction: Pairwise, x: Array, y: Array, heading: tuple[Array, Array]
+        self, interaction: Any, x: Array, y: Array, heading: tuple[Array, Array]
     ) -> tuple[Array, Array, Array]:
         """u_x, u_y and spin like x, y and the components of the heading, all (nodes, ..., cells)."""
         xp, shape = namespace(x), x.shape

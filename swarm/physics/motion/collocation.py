@@ -43,7 +43,7 @@ class Collocation:
     @classmethod
     def for_interval(
         cls,
-        flow: Flow,
+        flow: Any,
         turn: float,
         length: float,
         duration: float,
@@ -54,8 +54,9 @@ class Collocation:
         `length`.
 
         Sweeps leave out less and less, nodes cost more with the angle they must follow, and what one of them
-        cannot do is cut into substeps. With a `spacing` [time] the path is given at least that often. Raises
-        ValueError where the flow's scales ask for more than a thousand substeps.
+        cannot do is cut into substeps. Of `flow` only the scales and bounds are asked. With a `spacing`
+        [time] the path is given at least that often. Raises ValueError where the flow's scales ask for more
+        than a thousand substeps.
         """
         cheapest = None
         for substeps in SUBSTEPS:

@@ -111,7 +111,7 @@ class Company:
         return tuple(each for each in self.interactions if not isinstance(each, Contact))
 
     @cached_property
-    def pushes(self) -> tuple[int, int]:
+    def pushes(self) -> tuple[int, ...]:
         """The numbers by which `call_outside` knows what contact does, roughly and as it should be."""
         return tuple(outside(Pushes(self.contacts, self.scheme, step)) for step in (2 * STEP, STEP))
 

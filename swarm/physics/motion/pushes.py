@@ -171,7 +171,9 @@ class Pushes:
         path = xp.stack(some.at(self.scheme, parts), axis=1)  # (halves, 2, cells)
         span = some.step / (steps * windows)
         force = self._force(first, second, rows.shape[0], span)
-        at, found, wanted = push[:, rows], [], [moment * steps for moment in moments]
+        at: Array = push[:, rows]
+        found: list[Array] = []
+        wanted = [moment * steps for moment in moments]
         for done in range(steps):
             start, middle, end = (path[2 * done + i, ...] for i in range(3))
             k1 = force(start + at)

@@ -6,6 +6,7 @@ Where all intervals are whole ticks, what a decision does is looked up in tables
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -177,15 +178,12 @@ class Swimmer:
         weights = as_array(scheme.weights, length)
         return scheme.swim(pose, motions, speed, -length, weights, frozen(self.flow, 0.0))[0]
 
-    def places(self, pose: Pose, interval: Interval, end: Pose, parts: np.ndarray) -> Array:
+    def places(self, pose: Pose, interval: Interval, end: Pose, parts: Sequence[float]) -> Array:
         """Positions (parts, ..., cells, 2) after parts of an interval: on the arc, from which the cell is led
         off evenly to where it ends; exact in still water. The interval must tell what is `swum`.
         """
         arcs = interval.swum, interval.speed
         away = end.position - along_arc(pose, arc(*arcs, interval.length)).position
         return namespace(away).stack(
-            [
-                along_arc(pose, arc(*arcs, part * interval.length)).position + part * away
-                for part in parts.tolist()
-            ]
+            [along_arc(pose, arc(*arcs, part * interval.length)).position + part * away for part in parts]
         )

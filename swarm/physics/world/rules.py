@@ -75,4 +75,4 @@ def as_data(name: str, part: Any) -> Any:
         return told(PARTS[name], part)
     if name == "interactions":
         return [told(INTERACTIONS, each) for each in part]
-    return json.loads(json.dumps(dataclasses.asdict(part) if dataclasses.is_dataclass(part) else part))
+    return json.loads(json.dumps(dataclasses.asdict(part) if name in ("medium", "spread") and part else part))

@@ -25,7 +25,7 @@ class State(NamedTuple):
     finished: Array  # (..., cells) bool: arrived, left the domain or out of time
     factors: Array = None  # (..., cells, 2) of the cell's speed and curvature; None where all are alike
     arrival_time: Array = None  # (..., cells) at the egg, infinite before [time]; None where nobody races
-    medium: MediumState | None = None  # what cells have changed; None without a medium
+    medium: Any = None  # `MediumState`, what cells have changed; None without a medium
 
     @property
     def pose(self) -> Pose:
@@ -40,10 +40,15 @@ class State(NamedTuple):
         """All arrays by name, "name.field" and "name.field.field"."""
         return _named(self, name)
 
-    def with_named(self, arrays: Mapping[str, Any], name: str) -> Self:
-        """The state of such arrays, as many as this one has."""
-        names = iter(_named(self, name))
-        return self.each(lambda _: arrays[next(names)])
+    @classmethod
+    def of_named(cls, arrays: Mapping[str, Any], name: str) -> Self:
+        """The state whose arrays `named` gave."""
+        parts = {field: arrays.get(f"{name}.{field}") for field in cls._fields}
+        if f"{name}.medium.grid" in arrays:
+            parts["medium"] = MediumState(
+                *(arrays[f"{name}.medium.{field}"] for field in MediumState._fields)
+            )
+        return cls(**parts)
 
 
 class Outcome(NamedTuple):
@@ -59,7 +64,7 @@ class Outcome(NamedTuple):
 def _named(part: Any, name: str) -> dict[str, Any]:
     if part is None:
         return {}
-    if not isinstance(part, tuple):
+    if not isinstance(part, (State, MediumState)):
         return {name: part}
     return {
         key: array

@@ -19,7 +19,6 @@ from swarm._support.arrays import as_array, join, look_up, namespace, nowhere
 from swarm._support.checks import check_cells
 from swarm.physics import perception
 from swarm.physics.crowd.binding import counted
-from swarm.physics.crowd.medium import MediumState
 from swarm.physics.motion.arc import (
     Pose,
     arrival,
@@ -37,6 +36,8 @@ from swarm.physics.world.parameters import Parameters
 from swarm.physics.world.state import NOISE_CHANNELS, Outcome, State, check_noise, check_start
 
 Array = Any
+
+GAUSS = {0.5 - 0.15**0.5: 5 / 18, 0.5: 4 / 9, 0.5 + 0.15**0.5: 5 / 18}  # parts of an interval, and weights
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,7 @@ class World(Parameters):
         """Concentration (..., cells) where the cells are, at their time [concentration]."""
         return self._concentration(state.position, state.clock, state.medium)
 
-    def _concentration(self, position: Array, count: Array, medium: MediumState | None) -> Array:
+    def _concentration(self, position: Array, count: Array, medium: Any) -> Array:
         field = self.field if self.is_steady else frozen(self.field, self.clock.time(count, position))
         found = field.concentration(position)
         return found if self.medium is None else self.medium.sense(medium, position, found)
@@ -189,42 +190,39 @@ class World(Parameters):
         arcs = interval.swum, interval.speed, interval.length
         return company.swim(state.pose, *arcs, ~state.finished, began)
 
-    def _medium(self, state: State, interval: Interval, pose: Pose) -> MediumState:
+    def _medium(self, state: State, interval: Interval, pose: Pose) -> Any:
         """The medium at the end of a decision in which cells ate along their ways."""
         assert self.medium is not None
         xp = namespace(pose.position)
-        parts = (np.arange(self._substeps) + 0.5) / self._substeps
         return self.medium.step(
             state.medium,
             functools.partial(frozen, self.field),
             functools.partial(frozen, self.flow),
-            self.swimmer.places(state.pose, interval, pose, parts),
+            self.swimmer.places(state.pose, interval, pose, self._middles),
             xp.max(interval.length, axis=-1),
             ~state.finished,
             xp.max(self.time(state), axis=-1),
         )
 
     @cached_property
-    def _substeps(self) -> int:
+    def _middles(self) -> tuple[float, ...]:
+        """The middles of the medium's substeps, as parts of a decision."""
         assert self.medium is not None
         fastest = max(self.action_speeds) * (1.0 if self.spread is None else self.spread.largest[0])
-        return self.medium.substeps_for(self.flow, fastest, max(self.intervals))
+        count = self.medium.substeps_for(self.flow, fastest, max(self.intervals))
+        return tuple((i + 0.5) / count for i in range(count))
 
-    def _mean_concentration(
-        self, state: State, interval: Interval, pose: Pose, medium: MediumState | None
-    ) -> Array:
+    def _mean_concentration(self, state: State, interval: Interval, pose: Pose, medium: Any) -> Array:
         """The mean (..., cells) on the way, by three Gauss points [concentration]."""
-        points, weights = np.polynomial.legendre.leggauss(3)
-        parts = 0.5 * (points + 1)
         start = None if self.is_steady else self.time(state)
         mean = 0.0
-        places = self.swimmer.places(state.pose, interval, pose, parts)
-        for i, (part, weight) in enumerate(zip(parts.tolist(), weights.tolist(), strict=True)):
+        places = self.swimmer.places(state.pose, interval, pose, tuple(GAUSS))
+        for i, (part, weight) in enumerate(GAUSS.items()):
             field = self.field if start is None else frozen(self.field, start + part * interval.length)
             found = field.concentration(places[i, ...])
             if self.medium is not None:
                 found = self.medium.sense(medium, places[i, ...], found)
-            mean = mean + 0.5 * weight * found
+            mean = mean + weight * found
         return mean
 
     def _arrival_time(self, state: State, interval: Interval, pose: Pose, path: Array | None) -> Array:
@@ -296,7 +294,7 @@ class World(Parameters):
         interval: Interval,
         pose: Pose,
         path: Array | None,
-        medium: MediumState | None,
+        medium: Any,
         arrival_time: Array,
     ) -> tuple[Array, Array, Array]:
         """Which cells have arrived, which are out of time or of the domain, and whose lives are over."""
