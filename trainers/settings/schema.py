@@ -16,8 +16,8 @@ from pydantic.dataclasses import dataclass
 
 from swarm._support.checks import check_name
 from swarm.physics.world import World
+from swarm.physics.world.rules import PARTS, as_data
 from swarm.policies.policy_file import MAX_FILE, MAX_HEADER, MAX_LAYERS, MAX_WIDTH
-from swarm.population.results import PARTS
 from trainers.settings.learning import ALGORITHMS, RULES, Count, Flag, LearningSettings, Positive, Whole
 
 MAX_PLACE = 1e5  # [length] of a start, where float32 tells places 0.008 apart
@@ -174,7 +174,7 @@ def _plain(name: str, given: Any, held: Any) -> Any:
         if not isinstance(given, (str, dict, type(None))):
             raise ValueError(f"{name} must be a name or keys and values, got {given!r}")
         return PARTS[name].describe(held) or given if isinstance(given, dict) else given
-    return json.loads(json.dumps(held))
+    return as_data(name, held)
 
 
 @contextmanager
