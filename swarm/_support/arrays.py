@@ -38,6 +38,11 @@ def is_torch(array: Array) -> bool:
     return type(array).__module__ == "torch"
 
 
+def is_numpy_or_torch(array: Array) -> bool:
+    """Whether how much is computed may depend on the data of `array`."""
+    return isinstance(array, np.ndarray) or is_torch(array)
+
+
 def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:
     """`values` in the array library, on the device and (floats) with the dtype of `like`."""
     xp = namespace(like)
@@ -46,6 +51,13 @@ def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:
         return xp.asarray(values, dtype=chosen, device=like.device)
     except (AttributeError, TypeError):  # a tracer has no device
         return xp.asarray(values, dtype=chosen)
+
+
+def moment(time: Any, like: Array) -> Array:
+    """A time (...) in the library and with the dtype of `like`; a number becomes an array ()."""
+    if hasattr(time, "dtype") and not isinstance(time, np.generic):
+        return namespace(like).astype(time, like.dtype, copy=False)
+    return as_array(np.asarray(time), like)
 
 
 def join(*parts: Array) -> Array:
@@ -105,6 +117,15 @@ def outer(table: Array, array: Array) -> Array:
 def where_chosen(mask: Array, new: Array, old: Array) -> Array:
     """`new` (rows, ...) in the rows that a mask (rows,) chooses, `old` in the others."""
     return namespace(old).where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)
+
+
+def replaced(array: Array, row: Array, values: Array) -> Array:
+    """A copy of `array` (..., rows) with other `values` (..., n) in some rows (n,)."""
+    if hasattr(array, "at"):  # jax
+        return array.at[..., row].set(values)
+    copy = array.copy() if isinstance(array, np.ndarray) else array.clone()
+    copy[..., row] = values
+    return copy
 
 
 def at_least(numbers: Array, bound: int) -> Array:

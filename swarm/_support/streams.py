@@ -13,7 +13,9 @@ from typing import Literal, get_args
 import numpy as np
 
 Population = Literal["training", "validation", "test"]
-Purpose = Literal["start", "past", "noise", "policy", "exploration", "replay", "network", "bootstrap"]
+Purpose = Literal[
+    "start", "past", "noise", "policy", "exploration", "replay", "network", "bootstrap", "spread", "bindings"
+]
 
 _POPULATIONS = {name: number for number, name in enumerate(get_args(Population))}
 _PURPOSES = {name: number for number, name in enumerate(get_args(Purpose))}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import os
@@ -13,19 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarm._support import files
-from swarm.physics.fields import FIELDS
-from swarm.physics.flows import FLOWS
-from swarm.physics.perception import SENSORS
-from swarm.physics.rewards import REWARDS
 from swarm.physics.starts import Starts
 from swarm.physics.world import World
+from swarm.physics.world.rules import PARTS
 
 if TYPE_CHECKING:
     import xarray as xr
 
 RIVAL = "greedy"  # the policy that every other is compared with
 MAX_FILE = 2**30  # [bytes] of a results file
-PARTS = {"field": FIELDS, "flow": FLOWS, "sensor": SENSORS, "reward": REWARDS}
 
 Column = tuple[tuple[str, ...], type, str, str]
 LIVES: dict[str, Column] = {  # name: dimensions after (policy, cell), dtype, units, long name
@@ -62,7 +57,7 @@ def as_dataset(
     import xarray as xr
 
     variables: dict[str, Any] = {}
-    for name, values in zip(STARTS, (starts.position, starts.heading, starts.past), strict=True):
+    for name, values in zip(STARTS, starts[:3], strict=True):
         dimensions, dtype, units, long_name = STARTS[name]
         variables[name] = (dimensions, values.astype(dtype), _labels(units, long_name))
     measured = next(iter(lives.values()))
@@ -94,13 +89,8 @@ def _padded(series: np.ndarray, length: int) -> np.ndarray:
 
 
 def settings(world: World) -> dict[str, Any]:
-    """A world's parameters as JSON values; fields, flows, sensors and rewards by their name and parameters,
-    a user's own by its class."""
-    result = {item.name: getattr(world, item.name) for item in dataclasses.fields(world)}
-    for name, registry in PARTS.items():
-        part = result[name]
-        result[name] = registry.describe(part) or {"type": type(part).__name__}
-    return result
+    """A world's parameters as JSON values; parts by their name and parameters, a user's own by its class."""
+    return world.described()
 
 
 def world_of(results: xr.Dataset) -> World:

@@ -1,14 +1,12 @@
 """The rollout: one population's life under one policy, decision by decision."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from swarm._support import streams
-from swarm.physics.starts import Draws, Starts, draw_chance, draw_noise
+from swarm.physics.starts import Draws, Starts, draw_chance, noise_of
 from swarm.physics.world import Outcome, State, World
 from swarm.policies.policy import AnyPolicy, begin, decide
 
@@ -38,7 +36,7 @@ def rollout(
     state = world.start(*starts)
     cells = len(starts.heading)
     chance, noise = (
-        Draws(draw, (1, cells), (seed,), population=population) for draw in (draw_chance, draw_noise)
+        Draws(draw, (1, cells), (seed,), population=population) for draw in (draw_chance, noise_of(world))
     )
     carry = begin(policy, world, state)
     yield Moment(state, np.ones(cells, bool), None)

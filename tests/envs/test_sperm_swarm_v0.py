@@ -76,6 +76,12 @@ def test_the_arguments_are_those_that_were_promised():
         "rotational_diffusion": 0.0,
         "sensor": None,
         "reward": "own",
+        "interactions": (),
+        "medium": None,
+        "first_arrivals": None,
+        "block_delay": 0.0,
+        "binding_rate": None,
+        "spread": None,
     }
     for make in (sperm_swarm_v0.parallel_env, sperm_swarm_v0.env, sperm_swarm_v0.raw_env):
         parameters = inspect.signature(make).parameters

@@ -35,6 +35,17 @@ def bindings(uniform: Array, mean: Array) -> Array:
     return xp.where(mean > LARGEST_EXACT, xp.clip(spread, 0, None), counted)
 
 
+def counted(uniform: Array, mean: Array, volume: Array) -> Array:
+    """The concentration (...) that the molecules bound tell: n/V of the mean V c, with V = λ_b ΔT.
+
+    `mean` (...) is the true mean of c, which an interval of no length tells as it is.
+    """
+    xp = namespace(uniform)
+    some = volume > 0
+    safe = xp.where(some, volume, xp.ones_like(volume))
+    return xp.where(some, bindings(uniform, safe * mean) / safe, mean)
+
+
 def normal_quantile(uniform: Array) -> Array:
     """Φ⁻¹ (...) of numbers (...) in [0, 1) to 1e-6, up to 6.6 standard deviations.
 
