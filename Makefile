@@ -46,7 +46,7 @@ reproduce: install ## every figure and table of the paper, in runs/reproduce
 
 examples: install ## install the libraries that the examples are about, and test the examples
 	@$(RUN)/python -c 'import jax, stable_baselines3, supersuit' 2>/dev/null || $(RUN)/python -m pip install -qq -c constraints.txt -e '.[examples]'
-	$(RUN)/pytest tests/test_examples.py $(ARGS)
+	$(RUN)/pytest tests/docs/test_examples.py $(ARGS)
 
 docs: install ## build the documentation in site/
 	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --strict $(ARGS)

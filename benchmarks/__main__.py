@@ -1,4 +1,7 @@
-"""`python -m benchmarks [NAME ...]`: measure, print tables, write JSON files with where they come from."""
+"""`python -m benchmarks [NAME ...]`: measure, print tables, write them with where they come from.
+
+All digits of all numbers are in JSON files in runs/benchmarks, wherever the tables go.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,13 @@ import os
 import platform
 import re
 from pathlib import Path
+from typing import Any
 
 from benchmarks.tables import as_text
 from swarm._support import files, provenance
 
-NAMES = ("pettingzoo_path", "batched_path", "training_path", "same_goal")
+KEPT = Path("runs/benchmarks")
+NAMES = ("pettingzoo_path", "batched_path", "training_path", "same_goal", "exact_solutions")
 
 
 def processor() -> str:
@@ -23,18 +28,23 @@ def processor() -> str:
     return found[1] if found else platform.processor() or platform.machine()
 
 
+def origin(record: dict[str, Any]) -> str:
+    """Where numbers come from, in a line under their table."""
+    versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
+    return f"*{record['processor']}, {record['cores']} cores; {versions}; commit {record['commit']}.*"
+
+
 def main() -> None:
     """Run the named benchmarks, all by default."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help="default: all")
-    parser.add_argument("--out", type=Path, default=Path("runs/benchmarks"), help="folder for the JSON files")
+    parser.add_argument("--out", type=Path, default=KEPT, help="folder for the tables")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+    for folder in (KEPT, options.out):
+        folder.mkdir(parents=True, exist_ok=True)
     for name in options.names or NAMES:
         print(f"\n{name}")
         result = importlib.import_module(f"benchmarks.{name}").run()
-        text = as_text(result)
-        print(text)
         record = {
             "benchmark": name,
             "rows": result,
@@ -43,7 +53,9 @@ def main() -> None:
             "processor": processor(),
             "cores": os.cpu_count(),
         }
-        files.write_text(options.out / f"{name}.json", json.dumps(record, indent=1) + "\n")
+        text = f"{as_text(result)}\n{origin(record)}\n"
+        print(text)
+        files.write_text(KEPT / f"{name}.json", json.dumps(record, indent=1) + "\n")
         files.write_text(options.out / f"{name}.txt", text)
     print(f"\nwritten to {options.out}")
 

@@ -10,6 +10,10 @@ import pettingzoo as _pettingzoo
 
 from swarm._support.provenance import __version__
 from swarm.envs.pettingzoo import parallel_env
+from swarm.physics.crowd.interactions import INTERACTIONS as interactions
+from swarm.physics.crowd.interactions import Contact, Dipole
+from swarm.physics.crowd.medium import Medium
+from swarm.physics.crowd.spread import Spread
 from swarm.physics.fields import FIELDS as fields
 from swarm.physics.fields import (
     DiffusingSource,
@@ -17,12 +21,18 @@ from swarm.physics.fields import (
     GaussianPlume,
     GriddedField,
     LinearField,
+    MovingSource,
     RadialField,
+    ReleasedSource,
+    ReleasingSource,
+    ShearedSource,
 )
 from swarm.physics.flows import FLOWS as flows
 from swarm.physics.flows import (
+    DoubleGyre,
     FunctionFlow,
     GriddedFlow,
+    OscillatingTaylorGreen,
     PoiseuilleFlow,
     ShearFlow,
     StillWater,
@@ -30,6 +40,7 @@ from swarm.physics.flows import (
     UniformFlow,
     Vortex,
 )
+from swarm.physics.motion.company import swim
 from swarm.physics.perception import SENSORS as sensors
 from swarm.physics.rewards import REWARDS as rewards
 from swarm.physics.starts import draw_starts
@@ -48,7 +59,10 @@ _LAZY = {
 }
 
 __all__ = [
+    "Contact",
     "DiffusingSource",
+    "Dipole",
+    "DoubleGyre",
     "FromObservation",
     "FunctionField",
     "FunctionFlow",
@@ -57,13 +71,20 @@ __all__ = [
     "GriddedField",
     "GriddedFlow",
     "LinearField",
+    "Medium",
+    "MovingSource",
     "Network",
     "Optimal",
+    "OscillatingTaylorGreen",
     "PoiseuilleFlow",
     "RadialField",
     "Random",
+    "ReleasedSource",
+    "ReleasingSource",
     "ShearFlow",
+    "ShearedSource",
     "SpermSwarmVector",
+    "Spread",
     "StillWater",
     "Swinging",
     "TaylorGreen",
@@ -74,6 +95,7 @@ __all__ = [
     "draw_starts",
     "fields",
     "flows",
+    "interactions",
     "limit",
     "load_policy",
     "parallel_env",
@@ -81,6 +103,7 @@ __all__ = [
     "rewards",
     "save_policy",
     "sensors",
+    "swim",
 ]
 
 for _kind, _maker in (("parallel", "parallel_env"), ("aec", "env")):

@@ -8,6 +8,7 @@ import hypothesis
 import pytest
 
 import swarm
+from trainers.settings.learning import ALGORITHMS
 
 hypothesis.settings.register_profile("default", deadline=None, derandomize=True)
 hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000)
@@ -38,6 +39,6 @@ def xp(request):
 @pytest.fixture(autouse=True)
 def forgetful(monkeypatch):
     """What one test registers is unknown to the next."""
-    for registry in (swarm.fields, swarm.flows, swarm.sensors, swarm.rewards):
+    for registry in (swarm.fields, swarm.flows, swarm.sensors, swarm.rewards, ALGORITHMS):
         for kept in ("_kinds", "_renamed"):
             monkeypatch.setattr(registry, kept, dict(getattr(registry, kept)))

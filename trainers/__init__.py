@@ -1,1 +1,1 @@
-"""Learning: the shared deep Q-network, its recipes, checkpoints and commands."""
+"""Learning: algorithms that train one shared policy, recipes, checkpoints and commands."""

@@ -284,6 +284,7 @@ def reproduce(
     seeds: Annotated[int, typer.Option(help="Training seeds of every experiment.")] = 20,
     jobs: Annotated[int | None, typer.Option(help="Processes at once; default: 2, or 1 on one core.")] = None,
     publish: Annotated[Path | None, typer.Option(help="Folder for a copy without the runs.")] = None,
+    ship: Annotated[bool, typer.Option("--ship", help="Replace the shipped policies by the best.")] = False,
 ) -> None:
     """Reproduce every figure and table of the paper, with a verdict on each of its claims."""
     from swarm._support.checks import check_count
@@ -293,7 +294,7 @@ def reproduce(
     plan = Plan(quick=quick, n_seeds=check_count("--seeds", seeds))
     if jobs is not None:
         plan = dataclasses.replace(plan, workers=check_count("--jobs", jobs))
-    claims = reproduction.reproduce(plan, out, publish)
+    claims = reproduction.reproduce(plan, out, publish, ship=ship)
     verdicts = Counter(claim.verdict for claim in claims)
     print(f"{len(claims)} claims: " + ", ".join(f"{count} {name}" for name, count in verdicts.most_common()))
     print(f"the report is {out / 'report.md'}")

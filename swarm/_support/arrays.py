@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,11 @@ def is_torch(array: Array) -> bool:
     return type(array).__module__ == "torch"
 
 
+def is_numpy_or_torch(array: Array) -> bool:
+    """Whether how much is computed may depend on the data of `array`."""
+    return isinstance(array, np.ndarray) or is_torch(array)
+
+
 def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:
     """`values` in the array library, on the device and (floats) with the dtype of `like`."""
     xp = namespace(like)
@@ -45,6 +51,13 @@ def as_array(values: np.ndarray, like: Array, *, dtype: Any = None) -> Array:
         return xp.asarray(values, dtype=chosen, device=like.device)
     except (AttributeError, TypeError):  # a tracer has no device
         return xp.asarray(values, dtype=chosen)
+
+
+def moment(time: Any, like: Array) -> Array:
+    """A time (...) in the library and with the dtype of `like`; a number becomes an array ()."""
+    if hasattr(time, "dtype") and not isinstance(time, np.generic):
+        return namespace(like).astype(time, like.dtype, copy=False)
+    return as_array(np.asarray(time), like)
 
 
 def join(*parts: Array) -> Array:
@@ -72,6 +85,28 @@ def look_up(table: Array, index: Array) -> Array:
     return xp.reshape(taken, (*table.shape[:-1], *index.shape))
 
 
+def added_up(values: Array, index: Array, size: int) -> Array:
+    """Sums (..., size) of the `values` (..., k) whose whole-number `index` (..., k) is the same.
+
+    Values are added in their order, so that the same call gives the same bits (on a GPU it may not).
+    """
+    xp = namespace(values)
+    if is_torch(values):
+        sums = values.new_zeros((*values.shape[:-1], size))
+        return sums.scatter_add(-1, index.broadcast_to(values.shape), values)
+    if not isinstance(values, np.ndarray) and not hasattr(values, "at"):  # no library's own way is known
+        chosen = index[..., None] == as_array(np.arange(size), index)
+        return (values[..., None, :] @ xp.astype(chosen, values.dtype))[..., 0, :]
+    rows = math.prod(values.shape[:-1])
+    row = as_array(np.arange(rows).reshape(*values.shape[:-1], 1), index)
+    flat, places = xp.reshape(values, (-1,)), xp.reshape(index + size * row, (-1,))
+    if isinstance(values, np.ndarray):
+        sums = np.bincount(places, flat, rows * size).astype(values.dtype, copy=False)
+    else:  # jax
+        sums = xp.zeros(rows * size, dtype=values.dtype).at[places].add(flat)
+    return xp.reshape(sums, (*values.shape[:-1], size))
+
+
 def outer(table: Array, array: Array) -> Array:
     """Products (rows, columns, ...) of the numbers of a table (rows, columns) with `array` (...)."""
     if isinstance(table, Pieces):
@@ -82,6 +117,15 @@ def outer(table: Array, array: Array) -> Array:
 def where_chosen(mask: Array, new: Array, old: Array) -> Array:
     """`new` (rows, ...) in the rows that a mask (rows,) chooses, `old` in the others."""
     return namespace(old).where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)
+
+
+def replaced(array: Array, row: Array, values: Array) -> Array:
+    """A copy of `array` (..., rows) with other `values` (..., n) in some rows (n,)."""
+    if hasattr(array, "at"):  # jax
+        return array.at[..., row].set(values)
+    copy = array.copy() if isinstance(array, np.ndarray) else array.clone()
+    copy[..., row] = values
+    return copy
 
 
 def at_least(numbers: Array, bound: int) -> Array:

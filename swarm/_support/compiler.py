@@ -6,13 +6,15 @@ they keep it in a register, which is several times as fast. So arrays are taken 
 
 from __future__ import annotations
 
+import functools
 import operator
 import sys
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from array_api_compat import array_namespace
 
 Array = Any
 
@@ -74,6 +76,13 @@ def in_pieces(array: Array, axes: int) -> Any:
     return Pieces(tuple(in_pieces(array[i, ...], axes - 1) for i in range(array.shape[0])))
 
 
+def stacked(like: Any, arrays: Sequence[Array]) -> Any:
+    """Arrays side by side along a new first axis, in pieces where `like` is."""
+    if isinstance(like, Pieces):
+        return Pieces(tuple(arrays))
+    return array_namespace(arrays[0]).stack(list(arrays))
+
+
 def alongside(like: Any, *arrays: Array) -> tuple[Any, ...]:
     """Arrays as they can be computed with `like`, which stands on the left, be it in pieces or not."""
     return tuple(map(Every, arrays)) if isinstance(like, Pieces) else arrays
@@ -104,6 +113,47 @@ def compiling(array: Array) -> bool:
     return torch.compiler.is_compiling()
 
 
+_OUTSIDE: list[Callable[..., Array]] = []  # functions that are called from compiled code as they are
+
+
+def outside(function: Callable[..., Array]) -> int:
+    """The number by which `call_outside` calls a function whose work depends on data."""
+    _OUTSIDE.append(function)
+    return len(_OUTSIDE) - 1
+
+
+def call_outside(number: int, shape: tuple[int, ...], like: Array, *arrays: Array) -> Array:
+    """What the function of that `number` returns of the arrays: an array of a shape, with the dtype of
+    `like`. While torch compiles, the call alone is compiled.
+    """
+    if not compiling(like):
+        return _OUTSIDE[number](*arrays)
+    import torch
+
+    found: Array = torch.ops.chemoswarm.call_outside(number, list(shape), like, list(arrays))
+    return found
+
+
+@functools.cache
+def _declare_outside() -> None:
+    """Makes `call_outside` known to torch."""
+    import torch
+    from torch import Tensor
+
+    def call(number: int, shape: list[int], like: Tensor, arrays: list[Tensor]) -> Tensor:
+        return _OUTSIDE[number](*arrays).clone()
+
+    call.__annotations__ = {
+        "number": int,
+        "shape": list[int],
+        "like": Tensor,
+        "arrays": list[Tensor],
+        "return": Tensor,
+    }
+    declared = torch.library.custom_op("chemoswarm::call_outside", call, mutates_args=())
+    declared.register_fake(lambda number, shape, like, arrays: like.new_empty(shape))
+
+
 def compiled(function: Callable[..., Any], *first: Any) -> Callable[..., Any]:
     """`function` with its first arguments, compiled by torch; as it is, with one line said, where that fails.
 
@@ -111,6 +161,7 @@ def compiled(function: Callable[..., Any], *first: Any) -> Callable[..., Any]:
     """
     import torch
 
+    _declare_outside()
     # A copy with code of its own: torch counts how often it compiles a code, and gives up after some times.
     own = types.FunctionType(function.__code__.replace(), function.__globals__, function.__name__)
     fast = torch.compile(own, fullgraph=True, dynamic=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import math
 from collections.abc import Callable
@@ -13,7 +14,7 @@ from gymnasium.logger import warn
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
 from swarm._support.checks import check_count, check_name
-from swarm.physics.starts import Draws, Starts, draw_noise, draw_record_noise, draw_starts
+from swarm.physics.starts import Draws, SpreadStarts, Starts, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
 
 RENDER_MODES = ["human", "rgb_array"]
@@ -90,7 +91,8 @@ class Arena:
         options = options or {}
         position = self._option(options, "position", starts.position)
         heading = self._option(options, "heading", starts.heading)
-        state = self.world.start(position, heading, starts.past, self._record_noise(seed, episode))
+        noise = self._record_noise(seed, episode)
+        state = self.world.start(position, heading, starts.past, self._factors(starts), noise)
         observation = self.world.observation(state)
         gain = np.zeros(self.n_swimmers, self.dtype)
         self._check_finite(state, observation, gain)
@@ -119,7 +121,10 @@ class Arena:
         for number in np.unique(episode[cells]):
             begun, past = self._begun(int(number))
             mask = cells & (episode == number)
-            state = State(*(where_chosen(mask, new, old) for new, old in zip(begun, state, strict=True)))
+            medium = begun.medium if cells.all() else state.medium  # the others' goes on
+            merge = functools.partial(where_chosen, mask)
+            state = begun._replace(medium=None).each(merge, state._replace(medium=None))
+            state = state._replace(medium=medium)
             action = np.where(mask, past, action)
         observation = self.world.observation(state)
         gain = np.where(cells, 0.0, self.gain).astype(self.dtype)
@@ -133,21 +138,25 @@ class Arena:
     def _starts(self, seed: int, episode: int) -> Starts:
         return draw_starts(self.world, self.n_swimmers, seed, population=POPULATION, episode=episode)
 
-    def _record_noise(self, seed: int, episode: int) -> np.ndarray | None:
-        where = {"population": POPULATION, "episode": episode}
-        noise = draw_record_noise(self.world, self.n_swimmers, seed, **where)
-        return None if noise is None else noise.astype(self.dtype)
-
     def _begun(self, episode: int) -> tuple[State, np.ndarray]:
         """State and last action of all cells at the beginning of an episode."""
         if episode not in self._fresh:
             assert self.seed is not None
             starts = self._starts(self.seed, episode)
             position, heading = starts.position.astype(self.dtype), starts.heading.astype(self.dtype)
-            noise = self._record_noise(self.seed, episode)
-            begun = self.world.start(position, heading, starts.past, noise)
-            self._fresh[episode] = (begun, starts.past[:, 0])
+            further = self._factors(starts), self._record_noise(self.seed, episode)
+            begun = self.world.start(position, heading, starts.past, *further)
+            self._fresh[episode] = begun, starts.past[:, 0]
         return self._fresh[episode]
+
+    def _record_noise(self, seed: int, episode: int) -> np.ndarray | None:
+        cells = self.n_swimmers
+        noise = draw_record_noise(self.world, cells, seed, population=POPULATION, episode=episode)
+        return None if noise is None else noise.astype(self.dtype)
+
+    def _factors(self, starts: Starts) -> np.ndarray | None:
+        given: Any = starts
+        return given.factors.astype(self.dtype) if isinstance(given, SpreadStarts) else None
 
     def table(self) -> np.ndarray:
         """x, y [length], heading in [−π, π] [rad] and curvature [1 / length] of every cell (cells, 4)."""
@@ -161,7 +170,7 @@ class Arena:
         if self._noise is None:
             assert self.seed is not None
             cells, seeds = (self.n_swimmers,), (self.seed,)
-            self._noise = Draws(draw_noise, cells, seeds, population=POPULATION, dtype=self.dtype)
+            self._noise = Draws(noise_of(self.world), cells, seeds, population=POPULATION, dtype=self.dtype)
         return self._noise.at(self.episode, self.decision)
 
     # --- checks ---

@@ -18,7 +18,7 @@ from swarm._support.arrays import namespace, where_chosen
 from swarm._support.checks import check_count, check_name
 from swarm._support.compiler import compiled
 from swarm.envs.arena import make_world, with_parameters
-from swarm.physics.starts import Draws, draw_noise, draw_record_noise, draw_starts
+from swarm.physics.starts import Draws, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
 
 GROUP = "swimmers"
@@ -94,7 +94,7 @@ class SwarmEnv(EnvBase):
     @property
     def state(self) -> State | None:
         """The cells (worlds, cells, ...); None before the first restart."""
-        return None if self._state is None else State(*map(self._tensor, self._state))
+        return None if self._state is None else self._state.each(self._tensor)
 
     def all_finished(self) -> bool:
         """Whether every cell's life has ended."""
@@ -114,29 +114,34 @@ class SwarmEnv(EnvBase):
         self.episode = np.full(self.n_worlds, -1)
         self.decision = np.zeros(self.n_worlds, np.int64)
         cells = (self.n_worlds, self.n_swimmers)
-        self._noise = Draws(draw_noise, cells, self.seeds, population=self.population, place=self._array)
+        self._noise = Draws(
+            noise_of(self.world), cells, self.seeds, population=self.population, place=self._array
+        )
 
     def restart(self, worlds: np.ndarray | None = None) -> Tensor:
         """Begin the next episode in the chosen worlds (a mask; default all); returns all observations."""
         chosen = np.ones(self.n_worlds, bool) if worlds is None or self._state is None else np.asarray(worlds)
         self.episode[chosen] += 1
         self.decision[chosen] = 0
-        whole = (self.n_worlds, self.n_swimmers)
-        position, heading = np.zeros((*whole, 2)), np.zeros(whole)
-        past = np.zeros((*whole, self.world.n_records), np.int64)
-        noise = [np.zeros(past.shape)] if self.world.concentration_noise > 0 else []
+        position = np.zeros((self.n_worlds, self.n_swimmers, 2))
+        heading = np.zeros((self.n_worlds, self.n_swimmers))
+        past = np.zeros((self.n_worlds, self.n_swimmers, self.world.n_records), np.int64)
+        factors, noise = np.ones_like(position), np.zeros(past.shape)
         cells = self.n_worlds // len(self.seeds) * self.n_swimmers  # of each seed
         blocks = np.split(np.arange(self.n_worlds), len(self.seeds))
         for seed, block in zip(self.seeds, blocks, strict=True):
             for episode in np.unique(self.episode[block[chosen[block]]]).tolist():
                 members = block[chosen[block] & (self.episode[block] == episode)]
-                given: dict[str, Any] = {"population": self.population, "episode": episode}
-                starts: tuple[Any, ...] = draw_starts(self.world, cells, seed, **given)
-                if noise:
-                    starts = (*starts, draw_record_noise(self.world, cells, seed, **given))
-                for every, part in zip((position, heading, past, *noise), starts, strict=True):
-                    every[members] = part.reshape(len(block), *every.shape[1:])[members - block[0]]
-        fresh = self.world.start(*map(self._array, (position, heading, past, *noise)))
+                where: dict[str, Any] = {"population": self.population, "episode": episode}
+                starts: list[Any] = [*draw_starts(self.world, cells, seed, **where)]
+                starts += [np.ones((cells, 2))] if self.world.spread is None else []
+                numbers = draw_record_noise(self.world, cells, seed, **where)
+                starts += [] if numbers is None else [numbers]
+                for whole, part in zip((position, heading, past, factors, noise), starts, strict=False):
+                    whole[members] = part.reshape(len(block), *whole.shape[1:])[members - block[0]]
+        further = {} if self.world.spread is None else {"factors": self._array(factors)}
+        further |= {"noise": self._array(noise)} if self.world.concentration_noise > 0 else {}
+        fresh = self.world.start(*map(self._array, (position, heading, past)), **further)
         return self._begin(fresh, chosen)
 
     def place(self, position: Tensor, heading: Tensor, past: Tensor) -> Tensor:
@@ -154,7 +159,7 @@ class SwarmEnv(EnvBase):
             self._state = fresh
         else:
             mask = self._array(chosen)
-            self._state = State(*(where_chosen(mask, *pair) for pair in zip(fresh, self._state, strict=True)))
+            self._state = fresh.each(functools.partial(where_chosen, mask), self._state)
         self.observation = self._tensor(self.world.observation(self._state))
         return self.observation
 
@@ -184,22 +189,22 @@ class SwarmEnv(EnvBase):
     def gain(self) -> Tensor:
         """Gain c(t) − c(0) (worlds, cells) so far [concentration]."""
         assert self._state is not None, "restart() must come first"
-        concentration = self.world.field.concentration(self._state.position)
+        concentration = self.world.concentration(self._state)
         return self._tensor(concentration - self._state.start_concentration)
 
     def state_dict_of_env(self) -> dict[str, Tensor]:
         """All that is needed to go on from here: the cells' state and the counters."""
         state = self.state
         assert state is not None, "restart() must come first"
-        arrays = {f"state.{name}": value for name, value in state._asdict().items()}
-        return arrays | {
+        return state.named("state") | {
             "episode": torch.as_tensor(self.episode.copy()),
             "decision": torch.as_tensor(self.decision.copy()),
         }
 
     def load_state_dict_of_env(self, arrays: dict[str, Tensor]) -> None:
         """Go on from what `state_dict_of_env` gave."""
-        state = State(*(self._bare(arrays[f"state.{name}"].to(self._place)) for name in State._fields))
+        held = {name: each for name, each in arrays.items() if name.startswith("state.")}
+        state = State.of_named({n: self._bare(each.to(self._place)) for n, each in held.items()}, "state")
         if not self._in_numpy:
             parts = {name: _part_by_part(getattr(state, name)) for name in ("position", "heading", "memory")}
             state = state._replace(**parts)

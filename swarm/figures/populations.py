@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def centrelines(
     results: xr.Dataset, world: World, *, policies: Sequence[str] | None = None, cells: int | None = None
 ) -> Figure:
-    """Centres of curvature of the paths of some `cells`, DQN solid and greedy dashed.
+    """Centres of curvature of the paths of some `cells`, networks solid and greedy dashed.
 
     They lie over the concentration, or in a flow over its speed, with one panel per policy.
     """
@@ -175,16 +175,17 @@ class Curve(NamedTuple):
 
 
 @style.styled
-def training(curves: Mapping[str, Curve] | Curve) -> Figure:
+def training(curves: Mapping[str, Curve] | Curve, *, policy: str = "dqn") -> Figure:
     """Gain against epoch, one panel per title: the mean over seeds with the band from the worst to the best.
 
-    Greedy and the limit are drawn in. Titles are Matplotlib's text; `style.plain` takes a name literally.
+    `policy` says whose look and name the curves have. Greedy and the limit are drawn in. Titles are
+    Matplotlib's text; `style.plain` takes a name literally.
     """
     named = {"": curves} if isinstance(curves, Curve) else dict(curves)
     figure = style.canvas(0.62 if len(named) == 1 else 1.0, 0.38)
     panels = figure.subplots(1, len(named), sharey=True, squeeze=False)[0]
     for axes, (title, curve) in zip(panels, named.items(), strict=True):
-        _training_panel(axes, curve)
+        _training_panel(axes, curve, style.look(policy))
         axes.set_title(title, loc="left")
         axes.set_xlabel("epoch")
     panels[0].set_ylabel(r"gain $\Delta c$")
@@ -194,14 +195,15 @@ def training(curves: Mapping[str, Curve] | Curve) -> Figure:
     return figure
 
 
-def _training_panel(axes: Axes, curve: Curve) -> None:
+def _training_panel(axes: Axes, curve: Curve, look: style.Look) -> None:
     epoch, gain = np.asarray(curve.epoch), np.atleast_2d(np.asarray(curve.gain, float))
-    look, rival = style.look("dqn"), style.look(RIVAL)
+    rival = style.look(RIVAL)
     if curve.limit is not None:
         axes.axhline(curve.limit, color=style.INK, linestyle=style.look("optimal").line, label="limit")
     if len(gain) > 1:
         band = gain.min(axis=0), gain.max(axis=0)
         axes.fill_between(epoch, *band, color=look.colour, alpha=0.22, linewidth=0)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     label = look.label if len(gain) == 1 else f"{look.label}, {len(gain)} seeds"
     marker = "o" if len(epoch) <= 40 else None
     axes.plot(epoch, gain.mean(axis=0), color=look.colour, label=label, marker=marker, markersize=2.5)

@@ -56,6 +56,7 @@ class Look(NamedTuple):
 # Okabe and Ito's colours, which colour-blind readers can tell apart; lines and markers differ as well.
 LOOKS = {
     "dqn": Look("DQN", "#0072B2", "-", "o"),
+    "ppo": Look("PPO", "#E69F00", "-", "X"),
     "greedy": Look("greedy", "#D55E00", (0, (4, 1.5)), "s"),
     "swinging": Look("swinging", "#009E73", (0, (1, 1)), "^"),
     "random": Look("random", "#777777", (0, (1, 2)), "d"),

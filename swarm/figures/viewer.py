@@ -76,7 +76,7 @@ class Viewer:
 
     def _look(self, state: State) -> Glance:
         world = self.world
-        gain = world.field.concentration(state.position) - state.start_concentration
+        gain = world.concentration(state) - state.start_concentration
         return Glance(
             np.asarray(state.position, float) @ [1, 1j],
             np.asarray(world.heading_angle(state), float),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +12,11 @@ from swarm.figures.film import FORMS, check_encoder, check_size, write_film
 from swarm.figures.page import save_page
 from swarm.figures.viewer import Viewer
 from swarm.physics.starts import draw_starts
-from swarm.physics.world import State, World
-from swarm.policies.policy import AnyPolicy
+from swarm.physics.world import World
 from swarm.population.contest import population_test
-from swarm.population.evaluation import LEARNT, STRATEGIES, named_policy
+from swarm.population.evaluation import contender
 from swarm.population.results import load_population
-from swarm.population.rollout import rollout
+from swarm.population.rollout import Moment, rollout
 
 PAGE = ".html"
 WINDOW_FPS = 24  # pictures per second in a window
@@ -42,11 +41,6 @@ def check_target(out: Path | None, size: int | None = None) -> None:
         raise FileNotFoundError(f"the folder of {out} must be there")
 
 
-def states(world: World, policy: AnyPolicy, cells: int, seed: int) -> Iterator[State]:
-    """One population's lives, decision by decision, with the random numbers of `population_test`."""
-    return (moment.state for moment in rollout(world, policy, draw_starts(world, cells, seed), seed))
-
-
 def watch(
     policy: str,
     world: World,
@@ -64,16 +58,15 @@ def watch(
     for a window.
     """
     check_target(out, size)
-    player = named_policy(policy, world)
+    _, label, player = contender(policy, world)
     suffix = "" if out is None else out.suffix.lower()
     if out is not None and suffix == PAGE:
-        label = policy if policy in STRATEGIES else LEARNT
         quick = not world.in_flow  # the limit in a flow takes a minute or more
         lives = population_test(world, {label: player}, cells=cells, life=world.life, seed=seed, limit=quick)
         save_page(lives, out, title=policy)
         return
     viewer = Viewer(world, window=out is None, fps=WINDOW_FPS)
-    lived = states(world, player, cells, seed)
+    lived = rollout(world, player, draw_starts(world, cells, seed), seed)
     followed = _followed(viewer, lived, FORMS[suffix].frames if out else 1, progress)
     try:
         if out is not None:
@@ -100,11 +93,11 @@ def save_page_of(population: Path, out: Path | None, *, cells: int | None = None
 
 
 def _followed(
-    viewer: Viewer, lived: Iterator[State], frames: int, progress: Callable[[int, int], None] | None
+    viewer: Viewer, lived: Iterable[Moment], frames: int, progress: Callable[[int, int], None] | None
 ) -> Iterator[np.ndarray]:
     """Pictures of the lives, `frames` for each decision; none where a window shows them."""
-    for done, state in enumerate(lived):
-        viewer.follow(state)
+    for done, moment in enumerate(lived):
+        viewer.follow(moment.state)
         if viewer.window is None:
             yield from (viewer.picture((i + 1) / frames) for i in range(frames if done else 1))
         if progress is not None:

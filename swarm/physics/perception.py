@@ -32,6 +32,7 @@ class Situation(NamedTuple):
     concentration: Array  # (..., cells) with its noise [concentration]
     curvature: Array  # (..., cells) κ*, chosen for the interval that ends here
     finished: Array  # (..., cells) bool: the life was over before
+    factors: Array = None  # (..., cells, 2) of the cell's own speed and curvature; None where all are alike
 
 
 @runtime_checkable
@@ -78,14 +79,23 @@ class Memory:
         return situation.concentration * world.record_scale, situation.curvature
 
     def bounds(self, world: World) -> Sequence[float]:
-        """A record differs from the mean by less than the path between the first and the last record."""
+        """A record differs from the mean by less than between the first and the last, by path and time."""
         gradient = getattr(world.field, "max_gradient", None)
         current = getattr(world.flow, "max_speed", None)
-        if gradient is None or current is None or world.concentration_noise > 0:
+        rate = getattr(world.field, "max_rate", None) if hasattr(world.field, "at") else 0.0
+        bounded = not world.interactions and world.medium is None and world.binding_rate is None
+        if (
+            gradient is None
+            or current is None
+            or rate is None
+            or world.concentration_noise > 0
+            or not bounded
+        ):
             return LARGEST, 1.001
         pairs = zip(world.action_speeds, world.intervals, strict=True)
-        longest = max((speed + current) * interval for speed, interval in pairs)
-        return 1.001 * (world.n_records - 1) * longest * gradient * world.record_scale + 1e-3, 1.001
+        wider = 1.0 if world.spread is None else world.spread.largest[0]
+        largest = max(((speed * wider + current) * gradient + rate) * interval for speed, interval in pairs)
+        return 1.001 * (world.n_records - 1) * largest * world.record_scale + 1e-3, 1.001
 
 
 @SENSORS.register("memory_with_flow")
@@ -107,7 +117,7 @@ class MemoryWithFlow(Memory):
     def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
         """c κ̄/c_k, κ*, u_x*, u_y*, ω₀*."""
         flow = world.flow
-        x, y, spin = velocity_and_spin(flow, *components(situation.position))
+        x, y, spin = velocity_and_spin(flow, *components(situation.position), time)
         sensed = x / flow.speed_scale, y / flow.speed_scale, spin / flow.spin_scale
         return *super().record(world, time, situation), *sensed
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -22,6 +22,15 @@ class Starts(NamedTuple):
     position: np.ndarray  # (cells, 2) [length]
     heading: np.ndarray  # (cells,) in [−π, π) [rad]
     past: np.ndarray  # (cells, N_T) actions, newest first
+
+
+class SpreadStarts(NamedTuple):
+    """What a life begins with in a world whose cells are not alike: `Starts`, and what each cell is."""
+
+    position: np.ndarray
+    heading: np.ndarray
+    past: np.ndarray
+    factors: np.ndarray  # (cells, 2) of speed and curvature
 
 
 def draw_starts(
@@ -49,7 +58,16 @@ def draw_starts(
         raise ValueError(f"start_box must leave room {rule} = {world.egg}, got {world.box}")
     pasts = streams.generator(population, "past", seed, episode)
     past = pasts.integers(world.n_actions, size=(cells, world.n_records))
-    return Starts(poses[:, :2].copy(), poses[:, 2].copy(), past)
+    starts = Starts(poses[:, :2].copy(), poses[:, 2].copy(), past)
+    if world.spread is None:
+        return starts
+    normal = streams.generator(population, "spread", seed, episode).standard_normal((cells, 2))
+    return cast(Starts, SpreadStarts(*starts, world.spread.factors(normal)))  # a tuple cannot grow
+
+
+def noise_of(world: World) -> Callable[..., np.ndarray]:
+    """What draws the numbers (cells, decisions, channels) that `World.step` takes as noise."""
+    return draw_noise if world.binding_rate is None else draw_noise_and_bindings
 
 
 def draw_record_noise(
@@ -67,6 +85,12 @@ def draw_record_noise(
 def draw_noise(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:
     """Standard normal numbers (cells, decisions, 3) for the world's perturbations in a `_block`."""
     return _block("noise", seed, **block).standard_normal((cells, decisions, 3))
+
+
+def draw_noise_and_bindings(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:
+    """`draw_noise`, and numbers in [0, 1) of a stream of their own that decide how many molecules bind."""
+    uniform = _block("bindings", seed, **block).random((cells, decisions, 1))
+    return np.concatenate([draw_noise(seed, cells, decisions, **block), uniform], axis=-1)
 
 
 def draw_chance(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:

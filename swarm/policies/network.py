@@ -44,8 +44,9 @@ class Network:
     """Q-values of every action by a fully connected network: tanh between layers, linear output.
 
     The card says what it was made for: `n_records` (N_T), `features` (numbers per record) and `sensor`, the
-    name of what takes the records (default: memory for 2, memory_with_flow for 5 features); anything else
-    that JSON can hold may follow. Raises PolicyError unless layers and card agree.
+    name of what takes the records (default: memory for 2, memory_with_flow for 5 features), and by which
+    `algorithm` it learnt (default: dqn); anything else that JSON can hold may follow. Raises PolicyError
+    unless layers and card agree.
     """
 
     def __init__(self, weights: Sequence[Any], biases: Sequence[Any], card: dict[str, Any]) -> None:
@@ -89,6 +90,11 @@ class Network:
     def sensor(self) -> str:
         """Name of the sensor it was trained with."""
         return self.card.get("sensor") or SENSORS[self.features]
+
+    @property
+    def algorithm(self) -> str:
+        """What it learnt by; all of version 0.1, which did not say, by DQN."""
+        return self.card.get("algorithm", "dqn")
 
     @cached_property
     def _transposed(self) -> tuple[np.ndarray, ...]:

@@ -16,6 +16,7 @@ MAX_LAYERS = 16
 MAX_WIDTH = 4096  # nodes of a layer
 MAX_SIZE = 1e6  # of a weight, so that nothing overflows
 SENSORS = {2: "memory", 5: "memory_with_flow"}  # by numbers per record, of cards that state no sensor
+MAX_NAME = 40  # letters of an algorithm's
 MAX_DEPTH = 8  # of a card's nesting
 
 
@@ -60,6 +61,11 @@ def check_card(card: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(sensor, str):
         raise PolicyError(
             f"card must state the sensor of {plain['features']} features by its name, got {sensor!r}"
+        )
+    algorithm = plain.get("algorithm", "dqn")
+    if not isinstance(algorithm, str) or not algorithm.isidentifier() or len(algorithm) > MAX_NAME:
+        raise PolicyError(
+            f"card's algorithm must be a name of at most {MAX_NAME} letters, got {str(algorithm)[:60]!r}"
         )
     return plain
 

@@ -126,7 +126,7 @@ def _series(world: World, moment: Moment) -> dict[str, np.ndarray]:
         "heading": world.heading_angle(state),
         "curvature": curvature,
         "centre": centre_of_curvature(state.pose, curvature),
-        "concentration": world.field.concentration(state.position),
+        "concentration": world.concentration(state),
     }
     row: dict[str, np.ndarray] = {
         name: np.array(values[name], dtype) for name, (_, dtype, _, _) in SERIES.items()

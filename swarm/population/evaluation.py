@@ -12,7 +12,7 @@ from swarm._support import provenance
 from swarm._support.tables import Table, percent, span
 from swarm.optimal.physical_limit import Optimal
 from swarm.physics.world import World
-from swarm.policies.network import ZOO, load_policy
+from swarm.policies.network import ZOO, Network, load_policy
 from swarm.policies.policy import AnyPolicy
 from swarm.policies.policy_file import POLICY_FILE, PolicyError
 from swarm.policies.strategies import Greedy, Random, Swinging
@@ -29,7 +29,6 @@ STRATEGIES: dict[Any, Callable[[World], AnyPolicy]] = {
     "random": lambda world: Random(),
     "swinging": lambda world: Swinging(),
 }
-LEARNT = "dqn"  # what a trained policy is called in results
 NUMBERS = ("mean", "std", "min", "max", "ci95", "fraction_of_limit")
 
 
@@ -66,14 +65,17 @@ def named_policy(name: str | os.PathLike, world: World) -> AnyPolicy:
 def contender(
     policy: str | os.PathLike | AnyPolicy, world: World, name: str | None = None
 ) -> tuple[str, str, AnyPolicy]:
-    """What a policy is called in summaries (`name`, else as it was named, or its type), its label in results,
-    and the policy.
+    """What a policy is called in summaries (`name`, else as it was named, or its type), its label in results
+    (a network's algorithm, else its type), and the policy.
     """
     if isinstance(policy, str | os.PathLike):
-        known, player = name or os.fspath(policy), named_policy(policy, world)
+        player, known = named_policy(policy, world), os.fspath(policy)
     else:
-        known, player = name or type(policy).__name__.lower(), policy
-    return known, known if known in STRATEGIES else LEARNT, player
+        player, known = policy, type(policy).__name__.lower()
+    label = player.algorithm if isinstance(player, Network) else type(player).__name__.lower()
+    if label in STRATEGIES and not isinstance(player, (Greedy, Optimal, Random, Swinging)):
+        raise PolicyError(f"policy, or its algorithm, must not be called as a strategy, got {label!r}")
+    return name or known, label, player
 
 
 def evaluate(

@@ -104,32 +104,22 @@ def as_dataset(levels: Sequence[float], tests: Sequence[xr.Dataset], kind: str, 
     """Statistics by level and policy, with the gains and starts of all cells and where they come from."""
     import xarray as xr
 
-    numbers = [statistics(test) for test in tests]
-    policies = [str(name) for name in tests[0]["policy"].values]
-    rows = [[_row(of_level[name]) for name in policies] for of_level in numbers]
-    variables: dict[str, Any] = {}
+    perturbation, numbers = KINDS[kind], [statistics(test) for test in tests]
+    about = {"long_name": perturbation.label, "units": perturbation.units}
+    results = tests[0][["start_position", "start_heading", "past"]]
+    results = results.assign_coords(noise=("noise", np.array(levels, np.float64), about))
+    results["cell_gain"] = xr.concat([test["gain"] for test in tests], dim=results["noise"])
+    rows = [[_row(of_policy) for of_policy in of_level.values()] for of_level in numbers]
     for column, text in COLUMNS.items():
         units = {} if column == "wins" else {"units": "concentration"}
         values = np.array([[row[column] for row in of_level] for of_level in rows])
-        variables[column] = (("noise", "policy"), values, {"long_name": text, **units})
-    gains = np.stack([test["gain"].values for test in tests])
-    variables["cell_gain"] = (("noise", "policy", "cell"), gains, dict(tests[0]["gain"].attrs))
-    perturbation = KINDS[kind]
-    about = {"long_name": perturbation.label, "units": perturbation.units}
-    coordinates: dict[str, Any] = {
-        "noise": ("noise", np.array(levels, np.float64), about),
-        "policy": policies,
-        "cell": tests[0]["cell"].values,
-    }
-    kept = ("seed", "life", "population", "world", "versions", "commit")
-    attributes = {
+        results[column] = (("noise", "policy"), values, {"long_name": text, **units})
+    results.attrs |= {
         "title": "Population tests at several levels of noise: the same starts for every policy and level",
         "kind": perturbation.parameter,
         "tested": policy,
-        **{name: tests[0].attrs[name] for name in kept},
     }
-    starts = tests[0][["start_position", "start_heading", "past"]]
-    return xr.Dataset(variables, coordinates, attributes).merge(starts, combine_attrs="override")
+    return results
 
 
 def _row(numbers: dict[str, Any]) -> dict[str, float]:

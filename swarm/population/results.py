@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import os
@@ -13,13 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarm._support import files
-from swarm.physics.fields import FIELDS
-from swarm.physics.flows import FLOWS
 from swarm.physics.grids import hdf5
-from swarm.physics.perception import SENSORS
-from swarm.physics.rewards import REWARDS
 from swarm.physics.starts import Starts
 from swarm.physics.world import World
+from swarm.physics.world.rules import PARTS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,7 +23,6 @@ if TYPE_CHECKING:
 RIVAL = "greedy"  # the policy that every other is compared with
 MAX_FILE = 2**30  # [bytes] of a results file
 MAX_TEXTS = 2**22  # [bytes] of its names and attributes
-PARTS = {"field": FIELDS, "flow": FLOWS, "sensor": SENSORS, "reward": REWARDS}
 
 Column = tuple[tuple[str, ...], type, str, str]
 LIVES: dict[str, Column] = {  # name: dimensions after (policy, cell), dtype, units, long name
@@ -64,7 +59,7 @@ def as_dataset(
     import xarray as xr
 
     variables: dict[str, Any] = {}
-    for name, values in zip(STARTS, (starts.position, starts.heading, starts.past), strict=True):
+    for name, values in zip(STARTS, starts[:3], strict=True):
         dimensions, dtype, units, long_name = STARTS[name]
         variables[name] = (dimensions, values.astype(dtype), _labels(units, long_name))
     measured = next(iter(lives.values()))
@@ -96,13 +91,8 @@ def _padded(series: np.ndarray, length: int) -> np.ndarray:
 
 
 def settings(world: World) -> dict[str, Any]:
-    """A world's parameters as JSON values; fields, flows, sensors and rewards by their name and parameters,
-    a user's own by its class."""
-    result = {item.name: getattr(world, item.name) for item in dataclasses.fields(world)}
-    for name, registry in PARTS.items():
-        part = result[name]
-        result[name] = registry.describe(part) or {"type": type(part).__name__}
-    return result
+    """A world's parameters as JSON values; parts by their name and parameters, a user's own by its class."""
+    return world.described()
 
 
 def data_of(results: xr.Dataset) -> dict[str, Any]:

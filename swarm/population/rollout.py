@@ -1,14 +1,12 @@
 """The rollout: one population's life under one policy, decision by decision."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from swarm._support import streams
-from swarm.physics.starts import Draws, Starts, draw_chance, draw_noise, draw_record_noise
+from swarm.physics.starts import Draws, Starts, draw_chance, draw_record_noise, noise_of
 from swarm.physics.world import Outcome, State, World
 from swarm.policies.policy import AnyPolicy, begin, decide
 
@@ -36,11 +34,10 @@ def rollout(
     `population`'s seed and episode, cell by cell, whatever the policy.
     """
     cells = len(starts.heading)
-    state = world.start(
-        *starts, draw_record_noise(world, cells, seed, population=population, episode=episode)
-    )
+    noise_of_records = draw_record_noise(world, cells, seed, population=population, episode=episode)
+    state = world.start(*starts, noise=noise_of_records)
     chance, noise = (
-        Draws(draw, (1, cells), (seed,), population=population) for draw in (draw_chance, draw_noise)
+        Draws(draw, (1, cells), (seed,), population=population) for draw in (draw_chance, noise_of(world))
     )
     carry = begin(policy, world, state)
     yield Moment(state, np.ones(cells, bool), None)

@@ -77,6 +77,12 @@ def test_the_arguments_are_those_that_were_promised():
         "curvature_diffusion": 0.0,
         "sensor": None,
         "reward": "own",
+        "interactions": (),
+        "medium": None,
+        "first_arrivals": None,
+        "block_delay": 0.0,
+        "binding_rate": None,
+        "spread": None,
     }
     for make in (sperm_swarm_v0.parallel_env, sperm_swarm_v0.env, sperm_swarm_v0.raw_env):
         parameters = inspect.signature(make).parameters
@@ -126,9 +132,10 @@ def test_the_environment_steps_the_world_and_adds_nothing(env):
     world = env.world
     starts = draw_starts(world, 5, 3, population="training")
     dtype = env.arena.dtype
-    given = [*starts, draw_record_noise(world, 5, 3, population="training")]
-    given = [part.astype(dtype) if getattr(part, "dtype", None) == float else part for part in given]
-    state = world.start(*given)
+    noise = draw_record_noise(world, 5, 3, population="training")
+    noise = None if noise is None else noise.astype(dtype)
+    position, heading = starts.position.astype(dtype), starts.heading.astype(dtype)
+    state = world.start(position, heading, starts.past, noise=noise)
     observations, _ = env.reset(seed=3)
     np.testing.assert_array_equal(np.stack(list(observations.values())), world.observation(state))
     noise = draw_noise(3, 5, 64, population="training").astype(dtype)

@@ -244,14 +244,16 @@ def test_what_was_handed_out_stays_as_it_was():
     env = environment(life=20.0, **NOISE, **VORTICES)
     env.restart()
     held = [(env.state, env.observation)]
-    copies = [[each.clone() for each in (*env.state, env.observation)]]
+    copies = [[each.clone() for each in (*env.state.named("").values(), env.observation)]]
     for action, _ in zip(random_actions(env), range(10), strict=False):
         result = env.advance(torch.as_tensor(action))
         held.append((env.state, *result))
-        copies.append([each.clone() for each in (*env.state, *result)])
+        copies.append([each.clone() for each in (*env.state.named("").values(), *result)])
     env.restart()
     for (state, *others), before in zip(held, copies, strict=True):
-        assert all(torch.equal(*pair) for pair in zip((*state, *others), before, strict=True))
+        assert all(
+            torch.equal(*pair) for pair in zip((*state.named("").values(), *others), before, strict=True)
+        )
 
 
 def test_a_field_may_return_what_cannot_be_written_to():
@@ -324,11 +326,11 @@ def test_bad_arguments_are_named():
 def test_bad_actions_are_refused_and_change_nothing(action, error, said):
     env = environment()
     data = env.reset()
-    before = env.state
+    before = env.state.named("").values()
     data[GROUP, "action"] = action
     with pytest.raises(error, match=said):
         env.step(data)
-    assert all(torch.equal(*pair) for pair in zip(env.state, before, strict=True))
+    assert all(torch.equal(*pair) for pair in zip(env.state.named("").values(), before, strict=True))
     assert env.decision.tolist() == [0, 0]
 
 

@@ -19,7 +19,7 @@ from swarm.policies import network
 from trainers.paper import stacks
 from trainers.paper.plan import EXPERIMENTS, Plan, trainings
 from trainers.paper.reproduction import FILES, ReproductionError, reproduce
-from trainers.paper.zoo import ZooError, ship
+from trainers.paper.zoo import ship
 from trainers.training import validation as validating
 from trainers.training.run_folder import RunFolder
 
@@ -347,9 +347,9 @@ def test_the_policy_for_the_egg_is_tested_around_the_egg(shipped):
     assert all(np.array_equal(a, b) for a, b in zip(radial.weights, linear.weights, strict=True))
 
 
-def test_nothing_is_shipped_from_a_folder_in_which_nothing_was_trained(tmp_path):
-    with pytest.raises(ZooError, match="must be the folder of a reproduction that trained: it has no zoo"):
-        ship(tmp_path, tmp_path / "zoo")
+def test_nothing_is_shipped_where_nothing_is_trained(tmp_path):
+    with pytest.raises(ReproductionError, match="--ship must come with policies that are trained"):
+        reproduce(Plan(quick=True), tmp_path / "out", ship=True)
 
 
 def test_a_whole_plan_trains_all_seeds_of_every_experiment_under_both_recipes(tmp_path):

@@ -691,7 +691,9 @@ def test_the_memory_that_a_life_starts_with_is_as_noisy_as_what_is_recorded_late
     loud = quiet.replace(concentration_noise=strength)
     starts = draw_starts(loud, 2000, 5)
     numbers = draw_record_noise(loud, 2000, 5)
-    noise = (loud.start(*starts, numbers).memory - quiet.start(*starts).memory)[..., 0] / loud.record_scale
+    noise = (loud.start(*starts, noise=numbers).memory - quiet.start(*starts).memory)[
+        ..., 0
+    ] / loud.record_scale
     np.testing.assert_allclose(noise, strength * numbers, rtol=0, atol=1e-9)
     assert np.std(numbers) == pytest.approx(1.0, rel=0.05)
     np.testing.assert_array_equal(draw_record_noise(loud, 3, 5), numbers[:3])

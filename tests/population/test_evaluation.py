@@ -11,8 +11,9 @@ from swarm.policies.policy_file import PolicyError
 from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population import evaluation
 from swarm.population.evaluation import evaluate, named_policy
+from swarm.population.noise import sweep_noise
 from swarm.population.statistics import statistics
-from tests.policies.test_network import make
+from tests.policies.test_network import CARD, make
 
 NUMBERS = {"mean", "std", "min", "max", "ci95", "fraction_of_limit"}
 PROMISED = {"policy": str, "experiment": str, "cells": int, "life": float, "seed": int, "gain": dict}
@@ -40,6 +41,32 @@ def test_the_summary_tells_what_was_promised(tmp_path, with_limit):
     assert summary["gain"]["fraction_of_limit"] == pytest.approx(summary["gain"]["mean"] / 1.5)
     gain = results["gain"]
     assert summary["wins"] == int((gain.sel(policy="dqn") > gain.sel(policy="greedy")).sum())
+
+
+@pytest.mark.parametrize(
+    ("card", "label"), [({}, "dqn"), ({"algorithm": "ppo"}, "ppo"), ({"algorithm": "my_own"}, "my_own")]
+)
+def test_a_trained_policy_is_called_by_its_algorithm(tmp_path, card, label):
+    save_policy(make(card=CARD | card), tmp_path / "policy.safetensors")
+    done = evaluate(tmp_path, World(), experiment="own", cells=2, life=4)
+    assert (done.label, done.results["policy"].values[0]) == (label, label)
+    swept = sweep_noise(tmp_path, World(), (0.0, 0.1), cells=2, life=4)
+    assert swept.results["policy"].values.tolist() == [label, "greedy"]
+
+
+@pytest.mark.parametrize("name", ["swinging", "greedy", "two words", "x" * 41, 7, ["dqn"]])
+def test_an_algorithm_by_a_wrong_name_is_refused(name):
+    with pytest.raises(PolicyError, match=r"algorithm,? must"):
+        evaluate(make(card=CARD | {"algorithm": name}), World(), experiment="own", cells=2, life=4)
+
+
+def test_a_policy_of_ones_own_that_is_called_as_a_strategy_is_refused():
+    class Swinging:
+        def act(self, world, state, uniform):
+            return 0 * state.clock
+
+    with pytest.raises(PolicyError, match="must not be called as a strategy, got 'swinging'"):
+        evaluate(Swinging(), World(), experiment="own", cells=2, life=4)
 
 
 @pytest.mark.parametrize("name", ["greedy", "swinging", "random"])

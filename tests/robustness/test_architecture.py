@@ -5,6 +5,7 @@ Who may import whom is stated in `pyproject.toml` and held by import-linter (`ma
 
 import ast
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -113,3 +114,8 @@ def test_a_world_runs_without_scipy_or_xarray():
         "s = w.start(np.zeros((2, 2)), np.zeros(2), np.zeros((2, 4), int)); w.step(s, np.ones(2, int))"
     )
     assert not loaded_by(statement) & {*HEAVY, "scipy", "matplotlib", "xarray", "pandas"}
+
+
+def test_the_picture_of_the_house_is_what_the_code_draws():
+    drawn = runpy.run_path(str(ROOT / "docs" / "assets" / "architecture.py"))
+    assert drawn["PICTURE"].read_text(encoding="utf-8") == drawn["picture"]()

@@ -17,7 +17,7 @@ def collector(seeds=(0,), worlds=2, swimmers=5, **parameters):
     )
     env.restart()
     sizes = (env.world.observation_size, 8, env.world.n_actions)
-    net = seed_mlp(sizes, [torch.Generator().manual_seed(seed) for seed in seeds])
+    net = seed_mlp(sizes, seeds)
     return SeedCollector(env, EpsilonGreedy(net, env.world.n_actions))
 
 

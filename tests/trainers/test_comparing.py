@@ -43,12 +43,13 @@ def test_the_interval_of_a_group_is_over_its_seeds_and_the_cells_they_share():
 
 
 def test_runs_that_differ_in_the_seed_alone_are_one_group():
-    assert groups("seed=0", "seed=1") == {"linear_n4 swarm": [0, 1]}
+    assert groups("seed=0", "seed=1") == {"linear_n4 swarm dqn": [0, 1]}
 
 
 def test_the_names_of_experiment_and_recipe_stand_for_what_comes_with_them():
     found = groups("experiment=linear_n2", "experiment=linear_n8", "experiment=linear_n8 recipe=paper")
     assert list(found) == ["linear_n2 swarm", "linear_n8 swarm", "linear_n8 paper"]
+    assert list(groups("algorithm=dqn", "algorithm=ppo")) == ["dqn", "ppo"]
 
 
 def test_whatever_else_differs_keeps_groups_apart():

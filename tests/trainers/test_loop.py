@@ -10,8 +10,9 @@ import yaml
 
 from swarm import LinearField, RadialField, TaylorGreen, World, load_policy
 from tests.short_runs import go_on, kept, short_settings, start, whole
+from trainers.algorithms.base import learning_rate_at
+from trainers.algorithms.dqn import epsilon_at
 from trainers.algorithms.networks import exported
-from trainers.algorithms.schedules import epsilon_at, learning_rate_at
 from trainers.settings import composition as composing
 from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import EvaluationSettings, Settings

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
 
+from swarm.policies.network import load_policy
 from swarm.torchrl_env import SwarmEnv
 from tests.short_runs import Crash, assert_equal_runs, go_on, short_settings, start, whole
+from tests.trainers.test_cli import elsewhere, run  # noqa: F401
 from trainers.algorithms.networks import seed_mlp
 from trainers.algorithms.ppo import PPO, Sampling, clip_by_seed
 from trainers.settings.composition import settings_from
 from trainers.training.loop import Training
 
-
-def seeds(count):
-    return [torch.Generator().manual_seed(each) for each in range(count)]
+RUN = ["learning.epochs=1", "learning.batch_size=8", "world.life=4", "validation.life=4"]
+RUN += ["validation.cells=2", "tensorboard=false"]
 
 
 def test_actions_are_drawn_by_their_probability():
     env = SwarmEnv(1, n_swimmers=2000)
     env.restart()
-    network = seed_mlp((8, 2), seeds(1))
+    network = seed_mlp((8, 2), [0])
     sampling = Sampling(network, env, central=False)
     observation = env.observation[:, :1].expand(1, 2000, 8)
     uniform = torch.rand(1, 2000, 2, generator=torch.Generator().manual_seed(0))
@@ -88,6 +91,28 @@ def test_a_central_critic_sees_all_cells_of_the_world():
     seen = training.algorithm.sampling.seen(training.env.observation)
     assert seen.shape[-1] == training.env.world.observation_size + 5 * 4
     np.testing.assert_array_equal(seen[0, 0, -20:], seen[0, 3, -20:])
+
+
+def test_every_command_tells_a_run_of_ppo_from_one_of_dqn():
+    for algorithm in ("ppo", "dqn"):
+        code, *_ = run("train", *RUN, f"algorithm={algorithm}", f"hydra.run.dir={algorithm}")
+        assert (code, load_policy(algorithm).card["algorithm"]) == (0, algorithm)
+        assert "nothing is left to learn" in run("train", f"resume={algorithm}")[1]
+        _, out, _ = run("evaluate", algorithm, "--cells", 2, "--life", 4)
+        assert {line.split()[0] for line in out.splitlines()[1:4]} == {algorithm, "greedy", "swinging"}
+        run("watch", algorithm, "--life", 2, "--cells", 2, "--out", f"{algorithm}.html")
+        assert f'"name": "{algorithm}"' in Path(f"{algorithm}.html").read_text()
+    _, out, _ = run("compare", "dqn", "ppo", "--cells", 2)
+    assert {line.split()[0] for line in out.splitlines()[1:]} == {"dqn", "ppo"}
+
+
+def test_a_sweep_is_over_algorithms():
+    words = (*RUN, "algorithm=dqn,ppo", "hydra.sweep.dir=both", "hydra/launcher=basic")
+    assert run("train", "-m", *words)[0] == 0
+    assert {path.name: load_policy(path).algorithm for path in Path("both").iterdir()} == {
+        "algorithm=dqn": "dqn",
+        "algorithm=ppo": "ppo",
+    }
 
 
 def test_an_interrupted_run_ends_as_one_that_was_not(tmp_path):

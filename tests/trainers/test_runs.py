@@ -10,7 +10,7 @@ import yaml
 
 from tests.short_runs import short_settings, start
 from trainers.training import run_folder as runs
-from trainers.training.run_folder import RunError, RunFolder, default_folder, read_table
+from trainers.training.run_folder import RunError, RunFolder, default_folder
 
 SETTINGS = short_settings(experiment="linear_n2", seed=7)
 COLUMNS = ("epoch", "seed", "gain")
@@ -81,7 +81,7 @@ def test_rows_are_added_to_tables_that_are_there_only(tmp_path):
 def test_lines_that_are_not_whole_are_left_out(tmp_path, end):
     table = tmp_path / "table.csv"
     table.write_text("epoch,seed,gain\n1,7,0.1\n2,7,0.2\n" + end)
-    assert [row["epoch"] for row in read_table(table)] == ["1", "2"]
+    assert [row["epoch"] for row in RunFolder(table.parent).rows(table.name)] == ["1", "2"]
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_lines_that_are_not_whole_are_left_out(tmp_path, end):
 )
 def test_a_table_of_something_else_has_no_rows(tmp_path, content):
     (tmp_path / "table.csv").write_bytes(content)
-    assert read_table(tmp_path / "table.csv") == []
+    assert RunFolder(tmp_path).rows("table.csv") == []
 
 
 def test_a_lock_ends_with_its_process_however_it_ends(tmp_path):

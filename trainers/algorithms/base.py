@@ -1,9 +1,8 @@
 """The seam between the training loop and an algorithm: what the loop needs, and nothing more."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
+from pkgutil import resolve_name
 from typing import ClassVar
 
 import torch
@@ -11,7 +10,11 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.optim import Adam
 
+from swarm._support import streams
 from swarm.envs.torchrl import SwarmEnv
+from trainers.algorithms.collector import SeedCollector
+from trainers.algorithms.networks import memory_of
+from trainers.settings.learning import LearningSettings
 from trainers.settings.schema import Settings
 
 
@@ -25,28 +28,32 @@ class Algorithm(ABC):
 
     metrics: ClassVar[tuple[str, ...]]  # names of what `learn` measures: columns of metrics.csv
     env: SwarmEnv
-    policy: (
-        nn.Module
-    )  # (seeds, rows, inputs) -> (seeds, rows, actions), the largest number is the best action
+    settings: LearningSettings
+    collector: SeedCollector
+    optimiser: Adam
+    policy: nn.Module  # (seeds, rows, inputs) -> (seeds, rows, actions): the best has the largest number
     updates = 0  # so far
 
     @abstractmethod
     def __init__(self, env: SwarmEnv, settings: Settings) -> None: ...
 
     @staticmethod
-    @abstractmethod
     def memory_needed(settings: Settings) -> int:
         """Bytes that one seed works with beside its cells, roughly, and rather too few than too many."""
+        return memory_of(settings.layers, settings.learning.batch_size)
 
-    @abstractmethod
-    def begin(self, epoch: int) -> None:
+    def keys(self, purpose: streams.Purpose, *index: int) -> list[int]:
+        """For each seed that of a generator of its own."""
+        return [streams.integer_seed("training", purpose, seed, *index) for seed in self.env.seeds]
+
+    def begin(self, epoch: int) -> None:  # noqa: B027
         """Get ready for epoch number `epoch`, from 0 on, whose lives have begun."""
 
-    @abstractmethod
     def collect(self, progress: float) -> TensorDict:
         """Some decisions of every cell, as `SeedCollector` gives them; `progress` is the part of all epochs
         that is over.
         """
+        return self.collector.collect(self.settings.collect or self.env.world.max_decisions)
 
     @abstractmethod
     def learn(self, rollout: TensorDict, progress: float) -> dict[str, Tensor | float] | None:
@@ -55,9 +62,9 @@ class Algorithm(ABC):
         None where there was nothing to learn from yet.
         """
 
-    @abstractmethod
     def tensors(self) -> dict[str, Tensor]:
         """What is carried from one epoch to the next, by name, none of it copied."""
+        return held_by(self.optimiser, policy=self.policy)
 
     def counters(self) -> dict[str, int]:
         """The whole numbers that are carried from one epoch to the next."""
@@ -80,6 +87,22 @@ class Algorithm(ABC):
         self.updates = counters["updates"]
 
 
+def learner_of(settings: Settings) -> type[Algorithm]:
+    """What learns with these settings; raises ValueError where that is no algorithm."""
+    named = settings.learning.learner
+    learner = resolve_name(named) if isinstance(named, str) else named
+    if not (isinstance(learner, type) and issubclass(learner, Algorithm)):
+        raise ValueError(f"algorithm {settings.algorithm!r} must have an Algorithm as learner, got {named!r}")
+    return learner
+
+
+def learning_rate_at(settings: LearningSettings, updates: int, progress: float) -> float:
+    """Learning rate after `updates` updates; `progress` is the part of all epochs that is over."""
+    if settings.learning_rate_schedule == "inverse_time":
+        return settings.learning_rate / (1 + settings.learning_rate_decay * updates)
+    return settings.learning_rate * (1 + (settings.learning_rate_end - 1) * progress)
+
+
 def worth_compiling(settings: Settings, amount: float, pays_from: float) -> bool:
     """Whether to compile what is done `amount` times in a run, and pays from so many times on."""
     return settings.compile == "always" or (settings.compile == "auto" and amount >= pays_from)
@@ -97,11 +120,9 @@ def fused_adam(parameters: Iterable[nn.Parameter]) -> Adam:
     return optimiser
 
 
-def optimiser_tensors(optimiser: Adam) -> dict[str, Tensor]:
-    """The state of an optimiser by name, none of it copied."""
-    states = (optimiser.state[parameter] for parameter in optimiser.param_groups[0]["params"])
-    return {
-        f"optimiser.{place}.{name}": tensor
-        for place, state in enumerate(states)
-        for name, tensor in state.items()
-    }
+def held_by(optimiser: Adam, **modules: nn.Module) -> dict[str, Tensor]:
+    """The tensors of an optimiser and of modules by name, none of them copied."""
+    states = [optimiser.state[parameter] for parameter in optimiser.param_groups[0]["params"]]
+    parts = {name: module.state_dict(keep_vars=True) for name, module in modules.items()}
+    parts |= {f"optimiser.{place}": state for place, state in enumerate(states)}
+    return {f"{part}.{name}": tensor for part, held in parts.items() for name, tensor in held.items()}

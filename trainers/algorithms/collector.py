@@ -1,7 +1,5 @@
 """Collecting: what TorchRL's Collector does, for worlds that are shared out among seeds."""
 
-from __future__ import annotations
-
 import torch
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModuleBase

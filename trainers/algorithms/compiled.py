@@ -3,8 +3,6 @@
 Compiling takes ten seconds or more, after which an update of a network this small takes half of its time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

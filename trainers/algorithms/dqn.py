@@ -5,8 +5,6 @@ holds equal to it: `SeedDQNLoss` for DQNLoss, `returns` for MultiStep, `EpsilonG
 EGreedyModule, `FusedSoftUpdate` for SoftUpdate.
 """
 
-from __future__ import annotations
-
 import copy
 import functools
 import math
@@ -20,14 +18,12 @@ from torch import Tensor, nn
 from torchrl.objectives import LossModule, SoftUpdate
 from torchrl.objectives.utils import distance_loss
 
-from swarm._support import streams
 from swarm.envs.torchrl import SwarmEnv
-from trainers.algorithms.base import Algorithm, fused_adam, optimiser_tensors, worth_compiling
+from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at, worth_compiling
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.compiled import CompiledUpdate
-from trainers.algorithms.networks import memory_of, seed_mlp
+from trainers.algorithms.networks import seed_mlp
 from trainers.algorithms.replay import COLUMNS, SeedReplay, width
-from trainers.algorithms.schedules import epsilon_at, learning_rate_at
 from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import Settings
 
@@ -54,6 +50,14 @@ class EpsilonGreedy(TensorDictModuleBase):
         coin, choice = tensordict["uniform"].unbind(-1)
         random = (choice * self.n_actions).long()
         return tensordict.set("action", torch.where(coin < self.epsilon, random, best))
+
+
+def epsilon_at(settings: DQNSettings, epoch: int, progress: float) -> float:
+    """ε in an epoch (from 0); `progress` is the part of all epochs that is over."""
+    if settings.epsilon_schedule == "exponential":
+        return max(settings.epsilon_end, settings.epsilon_start * settings.epsilon_decay**epoch)
+    fallen = min(1.0, progress / settings.epsilon_fraction)
+    return settings.epsilon_start + (settings.epsilon_end - settings.epsilon_start) * fallen
 
 
 def q_error(
@@ -135,14 +139,13 @@ class DQN(Algorithm):
     """Decides for every cell, remembers what came of it, and learns from random parts of that."""
 
     metrics = ("loss", "q_mean", "epsilon", "learning_rate")
+    settings: DQNSettings
     kept = ("observation", "action", ("collector", "mask"), *(("next", name) for name in REACHED))
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
         learning, world, device = cast(DQNSettings, settings.learning), env.world, env.device
         self.env, self.settings = env, learning
-        drawn = [streams.integer_seed("training", "network", seed) for seed in env.seeds]
-        sizes = (world.observation_size, *learning.hidden, world.n_actions)
-        self.policy = seed_mlp(sizes, [torch.Generator().manual_seed(each) for each in drawn], device)
+        self.policy = seed_mlp(settings.layers, self.keys("network"), device)
         self.explorer = EpsilonGreedy(self.policy, world.n_actions)
         self.collector = SeedCollector(env, self.explorer)
         delayed = learning.target_rate < 1
@@ -165,10 +168,9 @@ class DQN(Algorithm):
 
     @staticmethod
     def memory_needed(settings: Settings) -> int:
-        learning, world = cast(DQNSettings, settings.learning), settings.training_world()
-        sizes = (world.observation_size, *learning.hidden, world.n_actions)
+        learning = cast(DQNSettings, settings.learning)
         rows = 2 * learning.buffer_size + learning.updates * learning.batch_size  # a checkpoint's, too
-        return 4 * rows * width(sizes[0]) + memory_of(sizes, learning.batch_size)
+        return 4 * rows * width(settings.layers[0]) + Algorithm.memory_needed(settings)
 
     def _update(self, batch: Mapping) -> Mapping[str, Tensor]:
         """One step of the optimiser."""
@@ -182,12 +184,12 @@ class DQN(Algorithm):
 
     def begin(self, epoch: int) -> None:
         self.epoch, self.waiting = epoch, dict[Any, Tensor]()
-        for generator, seed in zip(self.draws, self.env.seeds, strict=True):
-            generator.manual_seed(streams.integer_seed("training", "replay", seed, epoch))
+        for generator, key in zip(self.draws, self.keys("replay", epoch), strict=True):
+            generator.manual_seed(key)
 
     def collect(self, progress: float) -> TensorDict:
         self.explorer.epsilon = epsilon_at(self.settings, self.epoch, progress)
-        return self.collector.collect(self.settings.collect or self.env.world.max_decisions)
+        return super().collect(progress)
 
     def remember(self, rollout: TensorDict) -> bool:
         """Put what is complete into the buffer; whether anything was.
@@ -219,8 +221,7 @@ class DQN(Algorithm):
         return means | {"epsilon": self.explorer.epsilon, "learning_rate": rate}
 
     def tensors(self) -> dict[str, Tensor]:
-        held = {f"loss.{name}": tensor for name, tensor in self.loss.state_dict(keep_vars=True).items()}
-        return held | optimiser_tensors(self.optimiser) | {"buffer": self.buffer.rows}
+        return held_by(self.optimiser, loss=self.loss) | {"buffer": self.buffer.rows}
 
     def counters(self) -> dict[str, int]:
         return super().counters() | {"cursor": self.buffer.cursor}

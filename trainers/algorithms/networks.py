@@ -1,7 +1,5 @@
 """Networks of several independent seeds at once: TorchRL's MLP, whose layers hold a weight for every seed."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math
@@ -33,18 +31,19 @@ class SeedLinear(nn.Module):
         return torch.baddbmm(self.bias, rows, self.weight)
 
 
-def seed_mlp(sizes: Sequence[int], generators: Sequence[torch.Generator], device: Any = None) -> MLP:
-    """Tanh layers and a linear output of `sizes`, from input to output, a fresh network for each generator.
+def seed_mlp(sizes: Sequence[int], keys: Sequence[int], device: Any = None) -> MLP:
+    """Tanh layers and a linear output of `sizes`, from input to output, a fresh network for each random key.
 
     Weights are uniform within ±√(6/(inputs + outputs)) (Glorot and Bengio 2010), biases 0, the same alone and
     in a stack.
     """
-    layer = functools.partial(SeedLinear, seeds=len(generators))
+    layer = functools.partial(SeedLinear, seeds=len(keys))
     inputs, *hidden, outputs = sizes
     mlp = MLP(inputs, outputs, num_cells=hidden, activation_class=nn.Tanh, layer_class=layer, device=device)
     layers = [module for module in mlp if isinstance(module, SeedLinear)]
     with torch.no_grad():
-        for place, generator in enumerate(generators):
+        for place, key in enumerate(keys):
+            generator = torch.Generator().manual_seed(key)
             for linear, ends in zip(layers, itertools.pairwise(sizes), strict=True):
                 uniform = 2 * torch.rand(*ends, generator=generator) - 1
                 linear.weight[place] = uniform * math.sqrt(6 / sum(ends))

@@ -1,7 +1,5 @@
 """Proximal policy optimisation (Schulman et al. 2017), made of TorchRL's parts, for a stack of seeds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, cast
 
@@ -14,16 +12,14 @@ from torchrl.modules import ProbabilisticActor, ValueOperator
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
-from swarm._support import streams
 from swarm.envs.torchrl import SwarmEnv
-from trainers.algorithms.base import Algorithm, fused_adam, optimiser_tensors
+from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.networks import memory_of, seed_mlp
-from trainers.algorithms.schedules import learning_rate_at
 from trainers.settings.learning import PPOSettings
 from trainers.settings.schema import Settings
 
-OF_ACTOR = ("observation", "action", "action_log_prob", "advantage", ("collector", "mask"))
+OF_ACTOR = ("observation", "action", "action_log_prob", "advantage")
 OF_CRITIC = ("seen", "value_target", "state_value")
 OF_A_CELL = 5  # numbers of the whole world's state for each cell: place, heading, curvature
 
@@ -68,15 +64,13 @@ class PPO(Algorithm):
     """Decides for every cell by chance, and makes more probable what turned out better than expected."""
 
     metrics = ("loss", "entropy", "explained", "learning_rate")
+    settings: PPOSettings
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
         learning = cast(PPOSettings, settings.learning)
         self.env, self.settings = env, learning
-        sizes, seen = network_sizes(settings)
-        self.policy, self.critic = (
-            seed_mlp(each, [torch.Generator().manual_seed(key) for key in keys], env.device)
-            for each, keys in ((sizes, self._keys("network")), (seen, self._keys("network", 1)))
-        )
+        self.policy = seed_mlp(settings.layers, self.keys("network"), env.device)
+        self.critic = seed_mlp(layers_of_critic(settings), self.keys("network", 1), env.device)
         self.sampling = Sampling(self.policy, env, central=learning.critic == "central")
         self.collector = SeedCollector(env, self.sampling)
         actor = ProbabilisticActor(
@@ -98,25 +92,18 @@ class PPO(Algorithm):
         self.optimiser = fused_adam([*self.policy.parameters(), *self.critic.parameters()])
         self.shuffles = [torch.Generator(env.device or "cpu") for _ in env.seeds]
 
-    def _keys(self, purpose: streams.Purpose, *index: int) -> list[int]:
-        return [streams.integer_seed("training", purpose, seed, *index) for seed in self.env.seeds]
-
     @staticmethod
     def memory_needed(settings: Settings) -> int:
-        learning = cast(PPOSettings, settings.learning)
+        learning, critic = cast(PPOSettings, settings.learning), layers_of_critic(settings)
         world = settings.training_world()
-        sizes, seen = network_sizes(settings)
         cells = learning.n_worlds * learning.n_swimmers
         rows = cells * min(learning.collect or world.max_decisions, world.max_decisions)
-        held = 4 * rows * 3 * (sizes[0] + seen[0])
-        return held + memory_of(sizes, learning.batch_size) + memory_of(seen, learning.batch_size)
+        held = 4 * rows * 3 * (settings.layers[0] + critic[0]) + memory_of(critic, learning.batch_size)
+        return held + Algorithm.memory_needed(settings)
 
     def begin(self, epoch: int) -> None:
-        for generator, key in zip(self.shuffles, self._keys("replay", epoch), strict=True):
+        for generator, key in zip(self.shuffles, self.keys("replay", epoch), strict=True):
             generator.manual_seed(key)
-
-    def collect(self, progress: float) -> TensorDict:
-        return self.collector.collect(self.settings.collect or self.env.world.max_decisions)
 
     @torch.no_grad()
     def judged(self, rollout: TensorDict) -> TensorDict:
@@ -140,16 +127,7 @@ class PPO(Algorithm):
 
     def batches(self, rows: TensorDict) -> Iterator[TensorDict]:
         """The decisions (seeds, rows), shuffled anew for each pass, in batches."""
-        keys = (
-            "observation",
-            "seen",
-            "action",
-            "action_log_prob",
-            "advantage",
-            "value_target",
-            "state_value",
-        )
-        chosen = rows.select(*keys, ("collector", "mask"))
+        chosen = rows.select(*OF_ACTOR, *OF_CRITIC, ("collector", "mask"))
         places = torch.arange(len(self.shuffles), device=rows["action"].device)[:, None]
         for _ in range(self.settings.passes):
             order = [
@@ -185,21 +163,14 @@ class PPO(Algorithm):
         return {"entropy": entropy, "explained": 1 - missed.var(-1) / goal.var(-1).clamp_min(1e-12)}
 
     def tensors(self) -> dict[str, Tensor]:
-        networks = {"policy": self.policy, "critic": self.critic}
-        held = {
-            f"{name}.{key}": tensor
-            for name, network in networks.items()
-            for key, tensor in network.state_dict(keep_vars=True).items()
-        }
-        return held | optimiser_tensors(self.optimiser)
+        return held_by(self.optimiser, policy=self.policy, critic=self.critic)
 
 
-def network_sizes(settings: Settings) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Layers of the policy and of the critic, from inputs to outputs."""
-    learning, world = cast(PPOSettings, settings.learning), settings.training_world()
-    state = OF_A_CELL * learning.n_swimmers if learning.critic == "central" else 0
-    policy = (world.observation_size, *learning.hidden, world.n_actions)
-    return policy, (world.observation_size + state, *learning.hidden, 1)
+def layers_of_critic(settings: Settings) -> tuple[int, ...]:
+    """Sizes of its layers, from inputs to outputs."""
+    learning = cast(PPOSettings, settings.learning)
+    inputs, *hidden, _ = settings.layers
+    return (inputs + OF_A_CELL * learning.n_swimmers * (learning.critic == "central"), *hidden, 1)
 
 
 def clip_by_seed(parameters: list[nn.Parameter], most: float) -> None:

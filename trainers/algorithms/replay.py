@@ -4,8 +4,6 @@ Transitions go by TorchRL's keys, but lie in the buffer as rows of numbers: Torc
 entry by entry, while a single tensor goes in and out by one operation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

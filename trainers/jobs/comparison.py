@@ -1,7 +1,5 @@
 """Runs side by side: the same test for every policy, grouped by what differs besides the seed."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Mapping, Sequence
@@ -114,7 +112,7 @@ def grouped(contenders: Sequence[Contender]) -> list[Group]:
     groups: dict[str, list[Contender]] = {}
     for contender, each in zip(contenders, described, strict=True):
         parts = [each[key] if key in NAMES else f"{key}={each[key]}" for key in keys if key in each]
-        label = " ".join(parts) or f"{contender.settings.experiment} {contender.settings.recipe}"
+        label = " ".join(parts or _names(each))
         groups.setdefault(label, []).append(contender)
     return [Group(label, members) for label, members in groups.items()]
 

@@ -1,7 +1,5 @@
 """Where tasks run: here, or in processes of their own; all through the interface of `concurrent.futures`."""
 
-from __future__ import annotations
-
 import functools
 import multiprocessing
 import os

@@ -4,8 +4,6 @@ A sweep is a folder of ordinary runs. Called again with the same `hydra.sweep.di
 and goes on with what is not.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 What is claimed, and by which criterion it is judged, is in `statements.yaml`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """The paper's twelve figures of results, drawn for one recipe."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

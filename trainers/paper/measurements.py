@@ -1,7 +1,5 @@
 """Lives of whole stacks of training seeds, all on the same fresh cells, and what is read off them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

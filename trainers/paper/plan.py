@@ -1,7 +1,5 @@
 """The plan of a reproduction: what is trained, with which seeds, and what is tested where."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

@@ -1,7 +1,5 @@
 """The report in words: verdicts, tables and figures, every number of which was just measured."""
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 from collections.abc import Sequence

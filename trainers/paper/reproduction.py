@@ -4,8 +4,6 @@ Training runs are ordinary run folders in OUT/runs/RECIPE/EXPERIMENT; a reproduc
 with them. Every other file of OUT is written again at the end, each whole, the report last.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os
@@ -43,14 +41,17 @@ class ReproductionError(RunError):
     """A reproduction that cannot go on as asked; the message says why and what can be done."""
 
 
-def reproduce(plan: Plan, out: Path, publish: Path | None = None) -> list[Claim]:
-    """Train, test, judge, draw and report into `out`, with a copy of all but the runs in `publish`.
+def reproduce(plan: Plan, out: Path, publish: Path | None = None, *, ship: bool = False) -> list[Claim]:
+    """Train, test, judge, draw and report into `out`, with a copy of all but the runs in `publish`; `ship`
+    puts the policies that validation prefers in the place of those that are shipped.
 
     Raises ReproductionError, SettingsError, KeyboardInterrupt or OSError.
     """
     folders = [out] if publish is None else [out, publish]
     for folder in folders:
         check_folder(folder)
+    if ship and plan.quick:
+        raise ReproductionError("--ship must come with policies that are trained, not with --quick")
     planned = [] if plan.quick else trainings(plan, out)
     shipped = stacks.shipped(plan) if plan.quick else {}
     if plan.quick and not shipped:
@@ -72,6 +73,8 @@ def reproduce(plan: Plan, out: Path, publish: Path | None = None) -> list[Claim]
             put_in_place(staged, folder)
         zoo.keep(staged / zoo.FOLDER, found)
         put_in_place(staged, out)
+    if ship:
+        print(f"shipped in {zoo.SHIPPED}: {', '.join(zoo.ship(out))}")
     return list(found.claims)
 
 

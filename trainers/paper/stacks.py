@@ -1,7 +1,5 @@
 """Stacks of seeds: training them, their policies and how the gain grew; or those that are shipped."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import shutil

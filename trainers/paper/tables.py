@@ -1,7 +1,5 @@
 """Tables of a reproduction: a row per policy and test, a row per training seed, a row per training."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 

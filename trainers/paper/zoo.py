@@ -1,16 +1,12 @@
-"""Shipped policies: `python -m trainers.paper.zoo OUT` puts what a full reproduction chose into swarm/zoo.
+"""Shipped policies: `swarm reproduce --ship` puts what a full reproduction chose into swarm/zoo.
 
 For each experiment the policy that validation prefers among its seeds, with a card that states settings,
 seeds, versions, commit, and gains in validation and in the test. NAME.json holds the card for readers, and
 the training curve.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +21,6 @@ from trainers.paper.tables import Findings
 RECIPE = "swarm"  # whose policies are shipped
 FOLDER = "zoo"  # of a reproduction that trained
 SHIPPED = Path(swarm.__file__).parent / "zoo"
-
-
-class ZooError(RuntimeError):
-    """A reproduction whose policies cannot be shipped; the message says why."""
 
 
 def keep(folder: Path, found: Findings) -> None:
@@ -72,26 +64,9 @@ def _card(settings: dict[str, Any], stack: Stack, case: Case, evidence: Evidence
 
 
 def ship(out: Path, zoo: Path = SHIPPED) -> list[str]:
-    """Copy what the reproduction in `out` keeps to be shipped; returns names. Raises ZooError or OSError."""
-    kept = sorted((out / FOLDER).glob("*"))
-    if not kept:
-        raise ZooError(f"{out} must be the folder of a reproduction that trained: it has no {FOLDER}")
+    """Copy what the reproduction in `out` keeps to be shipped; returns names. Raises OSError."""
     zoo.mkdir(parents=True, exist_ok=True)
+    kept = sorted((out / FOLDER).glob("*"))
     for file in kept:
         files.write_bytes(zoo / file.name, file.read_bytes())
     return sorted({file.stem for file in kept})
-
-
-def main(words: Sequence[str]) -> None:
-    """Ship the policies of the reproduction in the folder that is named."""
-    if len(words) != 1:
-        sys.exit("python -m trainers.paper.zoo takes one folder: that of a full reproduction")
-    try:
-        names = ship(Path(words[0]))
-    except (ZooError, OSError) as error:
-        sys.exit(f"zoo: {error}")
-    print(f"{len(names)} policies are in {SHIPPED}: {', '.join(names)}")
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

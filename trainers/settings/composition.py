@@ -1,7 +1,5 @@
 """Settings from YAML files and `key=value` words, composed by Hydra, checked by their types."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
@@ -21,10 +19,12 @@ from swarm._support.checks import check_name
 from swarm.physics.grids.netcdf import located
 from swarm.physics.world import World
 from swarm.policies.network import ZOO, load_policy
+from trainers.settings.learning import ALGORITHMS
 from trainers.settings.schema import Settings, unknown
 
 RECORD, MAX_RECORD = "run.json", 2**18  # of what a run was made with, and its bytes
 GROUPS = ("algorithm", "experiment", "recipe", "tuning")  # folders of files to choose from
+QUOTES = "'\""
 RULE_OF = {  # pydantic's kinds of errors, in the words of an error's rule
     "int_type": "a whole number",
     "float_type": "a finite number",
@@ -57,7 +57,7 @@ def config_folder() -> Path:
 
 
 def names_of(group: str) -> list[str]:
-    """Names to choose from in a group: algorithms, experiments, recipes."""
+    """Names of the files in a group: algorithms, experiments, recipes."""
     return sorted(path.stem for path in (config_folder() / group).glob("*.yaml"))
 
 
@@ -68,6 +68,8 @@ def settings_from(words: Sequence[str] = ()) -> Settings:
     try:
         with initialize_config_dir(str(config_folder()), version_base="1.3"):
             chosen = compose("config", overrides)
+        for name in (word.removeprefix("algorithm=") for word in words if word.startswith("algorithm=")):
+            OmegaConf.update(chosen, "algorithm", name.strip(QUOTES), force_add=True)  # it may have no file
         for key in OmegaConf.missing_keys(chosen):
             raise SettingsError(f"{key} must have a value, got '???'")
         # An interpolation may name a key that neither a file nor a word gives.
@@ -97,7 +99,8 @@ def _override(word: str) -> str:
     if key not in GROUPS:
         return f"++{word}"
     try:
-        check_name(key, word.partition("=")[2].strip("'\""), names_of(key))
+        known = ALGORITHMS if key == "algorithm" else names_of(key)
+        check_name(key, word.partition("=")[2].strip(QUOTES), known)
     except ValueError as error:
         raise SettingsError(str(error)) from None
     return word
@@ -120,9 +123,11 @@ def settings_from_stored(stored: Any, near: Path | None = None) -> Settings:
     that the run `near` was begun in, and `near` it: there, and in all folders above.
     """
     if isinstance(stored, dict) and isinstance(learning := stored.get("learning"), dict):
-        # Version 0.1 could keep a running mean of the networks; that it did not is said no more.
-        retired = {"average_rate"} if learning.get("average_rate") == 1.0 else set()
-        stored = stored | {"learning": {name: learning[name] for name in learning.keys() - retired}}
+        # Version 0.1 could keep a running mean of the networks, which sets such a run apart.
+        averaged = learning.get("average_rate", 1.0)
+        stored = stored | {"learning": {name: learning[name] for name in learning.keys() - {"average_rate"}}}
+        if averaged != 1.0:
+            stored["recipe"] = f"{stored.get('recipe', 'paper')} average_rate={averaged}"
     if near is not None and isinstance(stored, dict):
         folders = [*_begun_in(near), near.resolve(), *near.resolve().parents]
         stored = {key: _with_data(key, section, folders) for key, section in stored.items()}
@@ -187,11 +192,13 @@ def line_of(error: ValidationError, values: Any) -> str:
     first = error.errors(include_url=False)[0]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
     if first["type"] in ("unexpected_keyword_argument", "invalid_key"):
-        ppo = isinstance(values, dict) and values.get("algorithm") == "ppo"
-        return unknown(key, Settings(algorithm="ppo" if ppo else "dqn").dotted())
+        name = values.get("algorithm")
+        known = isinstance(name, str) and name in ALGORITHMS
+        return unknown(key, Settings(algorithm=name if known else "dqn").dotted())
     context, given = first.get("ctx", {}), first["input"]
     if first["type"] == "value_error":
-        return f"{key}.{context['error']}".removeprefix(".")
+        reason = str(context["error"])
+        return reason if reason.startswith(key) else f"{key}.{reason}"
     if first["type"] == "literal_error":
         try:
             check_name(key, given, re.findall("'(.*?)'", context["expected"]))

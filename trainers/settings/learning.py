@@ -1,14 +1,15 @@
 """How each algorithm learns: the numbers behind `learning`, with what each of them means."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
+from swarm._support.registry import Registry
+
+ALGORITHMS = Registry("algorithm", "chemoswarm.algorithms")  # their settings, which name what learns
 RULES = ConfigDict(extra="forbid", validate_default=True)
 
 # Strict: 1.0 is no whole number, "1" no number and 1 no flag, wherever they come from.
@@ -26,8 +27,11 @@ Sizes = Annotated[list[Count], Field(min_length=1)]
 class LearningSettings:
     """What every algorithm has. The defaults are the paper's (table 2) and, where it is silent, its authors'
     code's.
+
+    Those of an algorithm derive from it, and are registered in `ALGORITHMS` by the algorithm's name.
     """
 
+    learner: ClassVar[Any]  # the `Algorithm` that learns so, or where it is: "module:name"
     n_swimmers: Count = 1  # cells in a world
     n_worlds: Count = 1  # worlds of each seed
     epochs: Count = 1600  # lives to train for, paper table 2
@@ -45,10 +49,12 @@ class LearningSettings:
     keep: Literal["last", "best"] = "last"  # the policy that is kept: the last, or the best in validation
 
 
+@ALGORITHMS.register("dqn")
 @dataclass(config=RULES, frozen=True, kw_only=True)
 class DQNSettings(LearningSettings):
     """Deep Q-learning (Mnih et al. 2015), as in the paper unless said otherwise."""
 
+    learner: ClassVar[Any] = "trainers.algorithms.dqn:DQN"
     updates: Count = 1  # in a round
     buffer_size: Count = 10_000  # transitions
     n_steps: Count = 1  # decisions whose rewards a target sums before it bootstraps
@@ -72,10 +78,12 @@ class DQNSettings(LearningSettings):
         return self
 
 
+@ALGORITHMS.register("ppo")
 @dataclass(config=RULES, frozen=True, kw_only=True)
 class PPOSettings(LearningSettings):
     """Proximal policy optimisation (Schulman et al. 2017); none of its numbers is the paper's."""
 
+    learner: ClassVar[Any] = "trainers.algorithms.ppo:PPO"
     n_swimmers: Count = 40
     epochs: Count = 12
     collect: Whole = 70
@@ -91,6 +99,3 @@ class PPOSettings(LearningSettings):
     learning_rate: Positive = 3e-3
     learning_rate_schedule: Literal["inverse_time", "linear"] = "linear"
     keep: Literal["last", "best"] = "best"
-
-
-ALGORITHMS: dict[str, type[LearningSettings]] = {"dqn": DQNSettings, "ppo": PPOSettings}

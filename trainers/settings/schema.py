@@ -1,14 +1,12 @@
 """Typed settings of a training run, checked when they are made; the defaults are the paper's numbers."""
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import functools
 import itertools
 import json
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any, Literal, Self
 
@@ -16,15 +14,12 @@ import yaml
 from pydantic import Field, TypeAdapter, ValidationInfo, field_validator, model_validator
 from pydantic.dataclasses import dataclass
 
-from swarm.physics.fields import FIELDS
-from swarm.physics.flows import FLOWS
-from swarm.physics.perception import SENSORS
-from swarm.physics.rewards import REWARDS
+from swarm._support.checks import check_name
 from swarm.physics.world import World
+from swarm.physics.world.rules import PARTS, as_data
 from swarm.policies.policy_file import MAX_FILE, MAX_HEADER, MAX_LAYERS, MAX_WIDTH
 from trainers.settings.learning import ALGORITHMS, RULES, Count, Flag, LearningSettings, Positive, Whole
 
-PARTS = {"field": FIELDS, "flow": FLOWS, "sensor": SENSORS, "reward": REWARDS}  # of a world
 MAX_PLACE = 1e5  # [length] of a start, where float32 tells places 0.008 apart
 
 
@@ -55,7 +50,7 @@ class Settings:
 
     experiment: str = "linear_n4"
     recipe: str = "paper"
-    algorithm: Literal["dqn", "ppo"] = "dqn"
+    algorithm: str = "dqn"  # one of `ALGORITHMS`
     seed: Whole = 0
     n_seeds: Count = 1  # independent seeds trained at once: seed, seed + 1, …
     # parameters of `swarm.World`, by its names and with its defaults; a field, flow, sensor or reward is a
@@ -71,6 +66,14 @@ class Settings:
     compile: Literal["never", "always", "auto"] = "auto"  # "auto": when the run is long enough to gain
     tensorboard: Flag = True
     wandb: Flag = False
+
+    @field_validator("algorithm")
+    @classmethod
+    def _known(cls, given: str) -> str:
+        kind = ALGORITHMS[check_name("algorithm", given, ALGORITHMS)]
+        if not issubclass(kind, LearningSettings):
+            raise ValueError(f"algorithm {given!r} must be registered by LearningSettings, got {kind!r}")
+        return given
 
     @field_validator("learning", mode="before")
     @classmethod
@@ -92,13 +95,19 @@ class Settings:
         with _naming("evaluation"):
             field = _plain("field", self.evaluation.field, self.test_world().field)
         object.__setattr__(self, "evaluation", dataclasses.replace(self.evaluation, field=field))
-        _check_network(self.learning.hidden, self.training_world())
+        _check_network(self.layers)
         return self
 
     @property
     def seeds(self) -> list[int]:
         """The seeds trained at once."""
         return list(range(self.seed, self.seed + self.n_seeds))
+
+    @property
+    def layers(self) -> tuple[int, ...]:
+        """Sizes of the policy's layers, from inputs to outputs."""
+        world = self.training_world()
+        return (world.observation_size, *self.learning.hidden, world.n_actions)
 
     def training_world(self) -> World:
         """The world to learn in."""
@@ -165,7 +174,7 @@ def _plain(name: str, given: Any, held: Any) -> Any:
         if not isinstance(given, (str, dict, type(None))):
             raise ValueError(f"{name} must be a name or keys and values, got {given!r}")
         return PARTS[name].describe(held) or given if isinstance(given, dict) else given
-    return json.loads(json.dumps(held))
+    return as_data(name, held)
 
 
 @contextmanager
@@ -178,9 +187,8 @@ def _naming(section: str) -> Iterator[None]:
         raise ValueError(f"{section}{'.' if known else ': '}{error}") from None
 
 
-def _check_network(hidden: list[int], world: World) -> None:
-    """Raises ValueError where the network would not fit into a policy file."""
-    sizes = (world.observation_size, *hidden, world.n_actions)
+def _check_network(sizes: Sequence[int]) -> None:
+    """Raises ValueError where the network of these layers would not fit into a policy file."""
     if len(sizes) > MAX_LAYERS + 1 or max(sizes) > MAX_WIDTH:
         raise ValueError(
             f"learning.hidden must be at most {MAX_LAYERS - 1} layers of at most {MAX_WIDTH} nodes, as must "

@@ -5,8 +5,6 @@ without waiting for the disk. Here nothing that is read can run, and a crash at 
 previous checkpoint valid.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """The training loop: epochs of collecting, learning and validating, and the policies that are kept."""
 
-from __future__ import annotations
-
 import dataclasses
 import logging
 import math
@@ -17,8 +15,7 @@ from torchrl import torchrl_logger
 from swarm._support import provenance
 from swarm.envs.torchrl import SwarmEnv
 from swarm.policies.network import Network
-from trainers.algorithms import ALGORITHMS
-from trainers.algorithms.base import Algorithm, worth_compiling
+from trainers.algorithms.base import learner_of, worth_compiling
 from trainers.algorithms.networks import exported
 from trainers.settings.schema import Settings
 from trainers.training.run_folder import RunError
@@ -52,7 +49,7 @@ class Training:
             compile_step=worth_compiling(settings, decisions, WORTH_COMPILING),
             world=world,
         )
-        self.algorithm: Algorithm = ALGORITHMS[settings.algorithm](self.env, settings)
+        self.algorithm = learner_of(settings)(self.env, settings)
         self.validation = Validation(world.replace(life=checked.life), checked.cells, self.seeds, device)
         self.epoch = 0
         self.decisions = 0
@@ -180,6 +177,7 @@ class Training:
         world, settings = self.env.world, dataclasses.asdict(self.settings)
         fraction = float(self._of_limit(self.best_gain)[place])
         return {
+            "algorithm": self.settings.algorithm,
             "experiment": self.settings.experiment,
             "recipe": self.settings.recipe,
             "seed": self.seeds[place],

@@ -1,12 +1,10 @@
 """What a run asks of the machine: packages, device and memory, checked before its folder is made."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re
 
-from trainers.algorithms import ALGORITHMS
+from trainers.algorithms.base import learner_of
 from trainers.settings.composition import SettingsError
 from trainers.settings.schema import Settings
 
@@ -32,7 +30,7 @@ def memory_needed(settings: Settings) -> int:
     learning, world = settings.learning, settings.training_world()
     decisions = min(learning.collect or world.max_decisions, world.max_decisions)
     cells = 2 * decisions * learning.n_worlds * learning.n_swimmers + settings.validation.cells
-    own = ALGORITHMS[settings.algorithm].memory_needed(settings)
+    own = learner_of(settings).memory_needed(settings)
     return settings.n_seeds * (8 * world.observation_size * cells + own)
 
 

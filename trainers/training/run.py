@@ -1,7 +1,5 @@
 """Runs: a training in its folder. A run that is stopped anywhere goes on as if it had never been."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import threading
@@ -23,7 +21,7 @@ from trainers.training import snapshot as snapshots
 from trainers.training.checkpoint import CheckpointError
 from trainers.training.loop import Training
 from trainers.training.machine import check_machine
-from trainers.training.run_folder import RunFolder
+from trainers.training.run_folder import RunError, RunFolder
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 Log = Callable[[list[dict[str, Any]], dict[str, Any]], None]
@@ -51,6 +49,8 @@ def begin(folder: Path, settings: Settings) -> tuple[Training, RunFolder]:
 def resume(folder: Path) -> tuple[Training, RunFolder]:
     """A run that was begun, as its settings say; raises SettingsError or RunError."""
     run, stored = RunFolder.open(folder)
+    if "algorithm" not in stored:
+        raise RunError(f"{folder} was begun by version 0.1: go on with that version, or train anew")
     training = prepare(settings_from_stored(stored, folder))
     then, now = run.record.get("versions"), provenance.versions()
     if isinstance(then, dict) and (changed := [name for name in now if then.get(name) != now[name]]):
@@ -178,7 +178,8 @@ def draw(training: Training, run: RunFolder) -> None:
         greedy=float(training.validation.greedy.mean()),
         limit=None if limits is None else float(limits.mean()),
     )
-    figure = figures.training({figures.plain(training.settings.experiment): curve})
+    titled = {figures.plain(training.settings.experiment): curve}
+    figure = figures.training(titled, policy=training.settings.algorithm)
     figures.save(figure, run.path / runs.FIGURE)
 
 

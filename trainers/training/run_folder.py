@@ -142,8 +142,12 @@ class RunFolder:
             file.write(text)
 
     def rows(self, name: str) -> list[dict[str, str]]:
-        """A table's rows, none where it is not there."""
-        return read_table(self.path / name) if (self.path / name).is_file() else []
+        """A table's whole rows, not the last of a killed run; none where it is not there."""
+        path = self.path / name
+        text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+        rows = csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1]))
+        whole = (row for row in rows if None not in row.values() and None not in row)
+        return [row for row in whole if row.get("epoch", "").isdecimal()]
 
 
 class _PlainLoader(yaml.SafeLoader):
@@ -153,14 +157,6 @@ class _PlainLoader(yaml.SafeLoader):
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError("it must not hold aliases")
         return super().compose_node(parent, index)
-
-
-def read_table(path: Path) -> list[dict[str, str]]:
-    """Rows of a table; lines that are not whole, as the last one of a killed run may be, are left out."""
-    text = path.read_text(encoding="utf-8", errors="replace")
-    rows = csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1]))
-    whole = (row for row in rows if None not in row.values() and None not in row)
-    return [row for row in whole if row.get("epoch", "").isdecimal()]
 
 
 def is_run_folder(path: Path) -> bool:

@@ -3,8 +3,6 @@
 Random numbers are no part of it: every draw is named by its seed and a counter.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

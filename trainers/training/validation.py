@@ -1,7 +1,5 @@
 """Validation: the greedy policy of every seed on a population that is neither trained nor tested on."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 

@@ -5,6 +5,8 @@ from swarm.physics.fields.function import FunctionField
 from swarm.physics.fields.gridded import GriddedField
 from swarm.physics.fields.linear import LinearField
 from swarm.physics.fields.peaks import DiffusingSource, GaussianPlume, RadialField
+from swarm.physics.fields.sheared import ShearedSource
+from swarm.physics.fields.sources import MovingSource, ReleasedSource, ReleasingSource
 
 __all__ = [
     "FIELDS",
@@ -14,5 +16,9 @@ __all__ = [
     "GaussianPlume",
     "GriddedField",
     "LinearField",
+    "MovingSource",
     "RadialField",
+    "ReleasedSource",
+    "ReleasingSource",
+    "ShearedSource",
 ]

@@ -3,12 +3,14 @@
 A field is any object with `concentration(position)` and `gradient_scale`. Further attributes are used when
 they are there and not None: `max_gradient` (a bound of |∇c|, for the observation space), `egg_radius` and
 `egg_position` (the egg, whose reach ends a life), `inside(position)` (where the field is known; a cell that
-leaves is truncated) and `box` (the default start box).
+leaves is truncated) and `box` (the default start box). One that changes has `at(time)`, which returns it
+frozen at a time, and may have `max_rate`, a bound of |∂c/∂t|; scales, bounds and egg never change.
 """
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
 from swarm._support.arrays import Array
 from swarm._support.registry import Registry
@@ -28,3 +30,25 @@ class Field(Protocol):
     def concentration(self, position: Array) -> Array:
         """Concentration (...) at `position` (..., 2)."""
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class FrozenField:
+    """A field as it is at one time, a number or an array that broadcasts with `position[..., 0]`; everything
+    else is the field's own. Nothing is checked, so that it may be made of traced numbers."""
+
+    field: Any  # whose `concentration(position, time)` takes the time
+    time: Any
+
+    @property
+    def gradient_scale(self) -> float:
+        """The field's."""
+        return self.field.gradient_scale
+
+    def concentration(self, position: Array) -> Array:
+        return self.field.concentration(position, self.time)
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "at" or name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.field, name)

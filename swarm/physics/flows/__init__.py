@@ -5,13 +5,16 @@ from swarm.physics.flows.function import FunctionFlow
 from swarm.physics.flows.gridded import GriddedFlow
 from swarm.physics.flows.parallel import PoiseuilleFlow, ShearFlow, UniformFlow
 from swarm.physics.flows.still import StillWater
+from swarm.physics.flows.unsteady import DoubleGyre, OscillatingTaylorGreen
 from swarm.physics.flows.vortices import TaylorGreen, Vortex
 
 __all__ = [
     "FLOWS",
+    "DoubleGyre",
     "Flow",
     "FunctionFlow",
     "GriddedFlow",
+    "OscillatingTaylorGreen",
     "PoiseuilleFlow",
     "ShearFlow",
     "StillWater",

@@ -6,14 +6,17 @@ largest values. Used when there and not None: `period` (length after which the f
 (the default start box, else one period), `max_speed` and `max_spin` (bounds of |u| and |ω₀|, for the
 observation space), `max_shear` (a bound of the velocity's derivatives, where they exceed the spin),
 `inside(position)` (where the flow is known; a cell that leaves is truncated) and `velocity_and_spin(x, y)`
-(u_x, u_y and ω₀ of all places at one go, for speed).
+(u_x, u_y and ω₀ of all places at one go, for speed). One that changes has `at(time)`, which returns it
+frozen at a time, and may have `max_frequency`, a bound [rad / time] of how fast the velocity at a
+place turns, for the integration; scales and bounds never change.
 """
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
-from swarm._support.arrays import Array
+from swarm._support.arrays import Array, join
 from swarm._support.registry import Registry
 
 FLOWS = Registry("flow", "chemoswarm.flows")
@@ -40,3 +43,37 @@ class Flow(Protocol):
     def spin(self, position: Array) -> Array:
         """Angular velocity ω₀ (...), half the vorticity, counter-clockwise, at `position` (..., 2)."""
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class FrozenFlow:
+    """A flow as it is at one time, a number or an array that broadcasts with `position[..., 0]`; everything
+    else is the flow's own. Nothing is checked, so that it may be made of traced numbers."""
+
+    flow: Any  # whose `velocity_and_spin(x, y, time)` takes the time
+    time: Any
+
+    @property
+    def speed_scale(self) -> float:
+        """The flow's."""
+        return self.flow.speed_scale
+
+    @property
+    def spin_scale(self) -> float:
+        """The flow's."""
+        return self.flow.spin_scale
+
+    def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        return self.flow.velocity_and_spin(x, y, self.time)
+
+    def velocity(self, position: Array) -> Array:
+        u_x, u_y, _ = self.velocity_and_spin(position[..., 0], position[..., 1])
+        return join(u_x, u_y)
+
+    def spin(self, position: Array) -> Array:
+        return self.velocity_and_spin(position[..., 0], position[..., 1])[2]
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "at" or name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.flow, name)

@@ -109,7 +109,7 @@ def _central_spin(grid: Grid) -> np.ndarray:
         spacing, points = grid.lattice.spacing[axis], axis + 1
         if grid.lattice.periodic[axis]:
             return (np.roll(values, -1, points) - np.roll(values, 1, points)) / (2 * spacing)
-        order = 2 if values.shape[points] > 2 else 1
+        order: Any = 2 if values.shape[points] > 2 else 1
         return np.gradient(values, spacing, axis=points, edge_order=order)
 
     return 0.5 * (slope(grid.values[1], 0) - slope(grid.values[0], 1))

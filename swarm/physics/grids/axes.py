@@ -123,7 +123,7 @@ def repeated(lines: np.ndarray) -> int:
     That may be chance: where lines do not vary, where they repeat within the grid, and where a grid mirrors
     itself and is smoother with its last line than without.
     """
-    points = len(lines)
+    points, mirrored = len(lines), False
     for again in range(1, points // 2 + 1):
         if _distance(lines[-again], lines[0]) > 1:
             continue
@@ -133,9 +133,10 @@ def repeated(lines: np.ndarray) -> int:
             continue
         if all(_distance(lines[i], lines[i - again]) <= 1 for i in range(again, points)):
             continue
-        if again > 1 or not _mirrored(lines) or _seam(lines[:-1]) < _seam(lines):
+        if again > 1 or not _mirrored(lines):
             return again
-    return 0
+        mirrored = _seam(lines[:-1]) < _seam(lines)
+    return int(mirrored)
 
 
 def _distance(one: np.ndarray, other: np.ndarray) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 
 from swarm._support.checks import check_name, check_number, optional
 from swarm.physics.grids import axes
+from swarm.physics.grids.bare import labelled
 from swarm.physics.grids.hdf5 import as_text
 from swarm.physics.grids.holes import FILLS, filled, whole_cells
 from swarm.physics.grids.netcdf import COORDINATES, MAX_VALUES, checksum, open_netcdf
@@ -128,7 +129,7 @@ def _arrays(data: Any, names: Sequence[str] | None) -> dict[str, Any]:
             raise TypeError(f"data must be a Dataset with {', '.join(names)}, got a DataArray")
         return {"data" if data.name is None else str(data.name): data}
     if isinstance(data, Mapping) and not isinstance(data, xr.Dataset):
-        data = _labelled(data)
+        data = labelled(data)
     if not isinstance(data, xr.Dataset):
         raise TypeError(
             "data must be an xarray Dataset or DataArray, or the path of a NetCDF file, "
@@ -141,35 +142,6 @@ def _arrays(data: Any, names: Sequence[str] | None) -> dict[str, Any]:
                 f"variable must be named where data hold more or less than one over x and y, got {names}"
             )
     return {name: data[check_name("variable", name, map(str, data.data_vars))] for name in names}
-
-
-def _labelled(data: Mapping[Any, Any]) -> Any:
-    """Bare arrays by name, the coordinates x, y (and time) among them, as a Dataset: they must be in
-    order."""
-    import xarray as xr
-
-    arrays = {str(name): np.asarray(array) for name, array in data.items()}
-    sizes = {}
-    for axis in COORDINATES:
-        if axis not in arrays:
-            if axis == TIME:
-                continue
-            raise ValueError(f"data must have the coordinate {axis}, got {sorted(arrays)}")
-        axes.check_numbers(axis, arrays[axis])
-        if arrays[axis].ndim != 1:
-            raise ValueError(f"{axis} must have one dimension, got {arrays[axis].shape}")
-        axes.check_points(axis, arrays[axis], 1, "")
-        axes.check_strict(axis, arrays[axis])
-        sizes[axis] = len(arrays[axis])
-    over = {(sizes["x"], sizes["y"]): AXES}
-    if TIME in sizes:
-        over[sizes[TIME], sizes["x"], sizes["y"]] = (TIME, *AXES)
-    for name in arrays.keys() - sizes.keys():
-        if arrays[name].shape not in over:
-            shapes = " or ".join(map(str, over))
-            raise ValueError(f"{name} must have the shape {shapes} of its axes, got {arrays[name].shape}")
-    variables = {name: (over[arrays[name].shape], arrays[name]) for name in arrays.keys() - sizes.keys()}
-    return xr.Dataset(variables, {axis: arrays[axis] for axis in sizes})
 
 
 def _check_array(name: str, array: Any) -> None:
@@ -222,7 +194,8 @@ def _lattice(arrays: Mapping[str, Any], values: np.ndarray, reading: Reading) ->
     first, fewest = next(iter(arrays.values())), MIN_POINTS[reading.interpolation]
     finest = np.array([_precision(*pair) for pair in zip(arrays.values(), values, strict=True)])
     purpose, leading = f" for {reading.interpolation} interpolation", values.ndim - len(AXES)
-    origin, spacings = [], []
+    origin: list[Any] = []
+    spacings: list[Any] = []
     for i, axis in enumerate(AXES):
         points = np.asarray(first[axis].values, np.float64)
         axes.check_points(axis, points, fewest, purpose)
@@ -240,7 +213,9 @@ def _lattice(arrays: Mapping[str, Any], values: np.ndarray, reading: Reading) ->
         origin.append(start)
         spacings.append(spacing)
     periodic = tuple(edge == "periodic" for edge in reading.edges)
-    return Lattice(tuple(origin), tuple(spacings), values.shape[leading:], periodic), values
+    return Lattice(
+        (origin[0], origin[1]), (spacings[0], spacings[1]), values.shape[leading:], periodic
+    ), values
 
 
 def _precision(array: Any, values: np.ndarray) -> float:

@@ -9,7 +9,9 @@ import numpy as np
 FILLS = ("inside", "nearest", "zero")
 
 
-def filled(values: np.ndarray, how: str, spacing: Sequence[float], periodic: Sequence[bool]) -> np.ndarray:
+def filled(
+    values: np.ndarray, how: str | None, spacing: Sequence[float], periodic: Sequence[bool]
+) -> np.ndarray:
     """Values (..., points along each axis) without holes: those of the nearest point there is, or 0.
 
     Raises ValueError where there is nothing to fill from.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -84,19 +84,23 @@ def _read(path: str | os.PathLike, names: Sequence[str] | None) -> Any:
             names = [name for name in names if name not in COORDINATES]
         for name in names:
             check_name("variable", name, [known for known in stored if known not in COORDINATES])
-        named = {name: _dimensions(name, stored[name]) for name in names}
-        axes = [
-            axis for axis in COORDINATES if axis in stored and any(axis in over for over in named.values())
-        ]
+        _check([*names, *(axis for axis in AXES if axis in stored)], stored)
+        over = {axis for name in names for axis in _dimensions(name, stored[name])}
+        axes = [axis for axis in COORDINATES if axis in over & stored.keys()]
+        axes = [axis for axis in axes if not _only_dimension(stored[axis])]
+        _check(axes, stored)
         wanted = {name: stored[name] for name in (*names, *axes)}
-        wanted = {name: item for name, item in wanted.items() if not _only_dimension(item)}
-        for name, item in wanted.items():
-            hdf5.check_stored(name, item, MAX_POINTS if name in COORDINATES else MAX_VALUES)
-            if item.dtype.kind not in "fiu" or item.dtype.itemsize > 16:
-                raise ValueError(f"{name} must hold real numbers, got {item.dtype}")
         variables = {name: _decoded(name, item, file.numbers(item)) for name, item in wanted.items()}
     coordinates = {axis: variables.pop(axis) for axis in COORDINATES if axis in variables}
     return xr.Dataset(variables, coordinates)
+
+
+def _check(names: Sequence[str], stored: Mapping[str, Any]) -> None:
+    """Raises where a variable is not what it should be, before any of it is read."""
+    for name in names:
+        hdf5.check_stored(name, stored[name], MAX_POINTS if name in COORDINATES else MAX_VALUES)
+        if stored[name].dtype.kind not in "fiu" or stored[name].dtype.itemsize > 16:
+            raise ValueError(f"{name} must hold real numbers, got {stored[name].dtype}")
 
 
 def _only_dimension(item: Any) -> bool:

@@ -112,7 +112,7 @@ def check_units(
     rates = [*velocity, *([] if spin is None else [spin])]
     texts = {name: units[name] for name in (*AXES, TIME, *rates) if name in units}
     texts = {name: re.sub(r"\s+since\s.*", "", text).strip() for name, text in texts.items()}
-    known = {}
+    known: dict[str, Unit] = {}
     for name, text in texts.items():
         try:
             known |= {name: unit_of(text)} if text else {}

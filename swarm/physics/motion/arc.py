@@ -120,6 +120,57 @@ def closest_approach(pose: Pose, curvature: Array, length: Array, point: tuple[f
     return xp.where(straight, to_line, to_arc)
 
 
+def arrival(pose: Pose, curvature: Array, length: Array, point: tuple[float, float], radius: float) -> Array:
+    """The part (...) of an arc at which it first comes within a radius of `point`, in closed form; infinite
+    where it does not. For a start outside, any curvature and `length` >= 0.
+    """
+    xp = namespace(pose.position)
+    start = pose.position - as_array(np.asarray(point), pose.position)
+    ahead = start[..., 0] * pose.heading[..., 0] + start[..., 1] * pose.heading[..., 1]
+    aside = pose.heading[..., 0] * start[..., 1] - pose.heading[..., 1] * start[..., 0]  # seen to the left
+    squared = start[..., 0] ** 2 + start[..., 1] ** 2
+    # half of what distance² changes in a turn φ: rise sin φ + shift (1 − cos φ)
+    straight = xp.abs(curvature * length) < 1e-6
+    kappa = xp.where(straight, xp.ones_like(curvature), curvature)
+    rise, shift = ahead / kappa, (1 / kappa + aside) / kappa
+    missing = 0.5 * (radius**2 - squared) - shift  # = rise sin φ − shift cos φ at the arrival
+    swing = xp.sqrt(rise * rise + shift * shift)
+    safe = xp.where(swing > 0, swing, xp.ones_like(swing))
+    reached = xp.abs(missing) <= swing
+    angle = xp.asin(xp.clip(missing / safe, -1.0, 1.0))
+    phase = xp.atan2(-shift, rise)  # rise sin φ − shift cos φ = swing sin(φ + phase)
+    sense = xp.sign(kappa)
+    turns = [xp.remainder(sense * (candidate - phase), 2 * math.pi) for candidate in (angle, math.pi - angle)]
+    turn = xp.minimum(*turns) / xp.where(length > 0, xp.abs(kappa) * length, xp.ones_like(length))
+    root = ahead * ahead + radius**2 - squared
+    line = -ahead - xp.sqrt(xp.where(root > 0, root, xp.zeros_like(root)))
+    line = line / xp.where(length > 0, length, xp.ones_like(length))
+    part = xp.where(straight, line, turn)
+    reached = xp.where(straight, (root >= 0) & (line >= 0), reached) & (part <= 1) & (length > 0)
+    part = xp.where(squared <= radius**2, xp.zeros_like(part), part)
+    return xp.where(reached | (squared <= radius**2), part, xp.full_like(part, math.inf))
+
+
+def arrival_on(path: Array, start: Array, end: Array, point: tuple[float, float], radius: float) -> Array:
+    """The part (...) of an interval at which a path (places, ..., 2), evenly spaced in time from `start` on,
+    first comes within a radius of `point`, linear between places; infinite where it does not.
+    """
+    xp = namespace(path)
+    places = xp.concat([start[None, ...], path[1:, ...], end[None, ...]], axis=0)
+    distance = length_of(places - as_array(np.asarray(point), path))
+    near = distance <= radius
+    first = xp.argmax(xp.astype(near, xp.int32), axis=0)
+    count = distance.shape[0] - 1
+    number = xp.reshape(as_array(np.arange(count + 1), first, dtype=first.dtype), (-1, *(1,) * first.ndim))
+    chosen = xp.astype(number == first, path.dtype)
+    before = xp.astype(number + 1 == first, path.dtype)
+    after, ahead = xp.sum(chosen * distance, axis=0), xp.sum(before * distance, axis=0)
+    fell = xp.where(ahead > after, ahead - after, xp.ones_like(after))
+    part = (xp.astype(first, path.dtype) - (radius - after) / fell) / count
+    part = xp.where(first == 0, xp.zeros_like(part), part)
+    return xp.where(xp.any(near, axis=0), part, xp.full_like(part, math.inf))
+
+
 def comes_within(path: Array, end: Array, point: tuple[float, float], radius: float) -> Array:
     """Whether a place of a path (places, ..., 2), or its end (..., 2), lies within a radius of `point`."""
     xp = namespace(path)

@@ -13,7 +13,7 @@ from swarm._support.arrays import as_array, at_least, look_up, namespace
 
 Array = Any
 
-RULES = ("truncated", "exact")
+RULES = ("truncated", "exact", "common")
 MAX_TICKS = 10_000  # of one decision: there is a row for each of them in the tables
 
 
@@ -22,6 +22,15 @@ class Ticks(NamedTuple):
 
     whole: Array  # (actions,) ticks of a whole interval; (1,) where they are all the same
     last: Array  # (1,) one more than the longest
+
+
+def frozen(part: Any, time: Array) -> Any:
+    """A field or flow as it is at `time`, a number or an array that goes with positions (...) [time].
+
+    One without `at(time)` is steady, and the same at all times.
+    """
+    at = getattr(part, "at", None)
+    return part if at is None else at(time)
 
 
 @dataclass(frozen=True)
@@ -37,11 +46,12 @@ class Clock:
     n_records: int  # N_T, decisions in a period
     life: float  # t_life [time]
     time_step: float  # Δt, the tick that intervals are rounded down to [time]
-    rule: str  # "truncated": ΔT = int(T/(N_T Δt)) Δt, or "exact": T/N_T
+    # "truncated": ΔT = int(T/(N_T Δt)) Δt; "exact": T/N_T; "common": truncated, of the mean speed's T for all
+    rule: str
 
     def __post_init__(self) -> None:
         steps = max(self.periods) / (self.n_records * self.time_step)
-        if self.rule == "truncated" and steps > MAX_TICKS:
+        if self.rule != "exact" and steps > MAX_TICKS:
             raise ValueError(
                 f"time_step must leave at most {MAX_TICKS} steps per decision, got time_step = "
                 f"{self.time_step:g} with period 2π/(κ̄ speed) = {max(self.periods):g} and "
@@ -59,12 +69,12 @@ class Clock:
     @cached_property
     def has_common_tick(self) -> bool:
         """Whether all intervals are whole numbers of one tick."""
-        return self.rule == "truncated" or len(set(self.periods)) == 1
+        return self.rule != "exact" or len(set(self.periods)) == 1
 
     @cached_property
     def tick(self) -> float:
         """Unit of the count [time]: Δt, or one decision where intervals are exact."""
-        return self.time_step if self.rule == "truncated" else self.periods[0] / self.n_records
+        return self.periods[0] / self.n_records if self.rule == "exact" else self.time_step
 
     @cached_property
     def interval_ticks(self) -> tuple[int, ...]:

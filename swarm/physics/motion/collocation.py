@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from swarm._support.arrays import as_array, join, namespace, outer
-from swarm._support.compiler import alongside, by_piece
+from swarm._support.compiler import alongside, by_piece, stacked
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc, components, turned, unit
+from swarm.physics.motion.clock import frozen
 
 Array = Any
 
@@ -41,14 +42,21 @@ class Collocation:
 
     @classmethod
     def for_interval(
-        cls, flow: Flow, turn: float, length: float, duration: float, spacing: float | None = None
+        cls,
+        flow: Any,
+        turn: float,
+        length: float,
+        duration: float,
+        spacing: float | None = None,
+        tolerance: float = TOLERANCE,
     ) -> Collocation:
-        """The cheapest scheme that keeps `TOLERANCE` over an interval that turns by `turn` [rad] over
+        """The cheapest scheme that keeps a tolerance over an interval that turns by `turn` [rad] over
         `length`.
 
         Sweeps leave out less and less, nodes cost more with the angle they must follow, and what one of them
-        cannot do is cut into substeps. With a `spacing` [time] the path is given at least that often. Raises
-        ValueError where the flow's scales ask for more than a thousand substeps.
+        cannot do is cut into substeps. Of `flow` only the scales and bounds are asked. With a `spacing`
+        [time] the path is given at least that often. Raises ValueError where the flow's scales ask for more
+        than a thousand substeps.
         """
         cheapest = None
         for substeps in SUBSTEPS:
@@ -58,11 +66,12 @@ class Collocation:
                 cost = substeps * sweeps * (nodes + 3)  # three: what a sweep costs however few the nodes
                 if cheapest is None or cost < cheapest[0]:
                     error = error_estimate(flow, turn, length, duration, nodes, sweeps, substeps)
-                    cheapest = (cost, nodes, sweeps, substeps) if error <= TOLERANCE else cheapest
+                    cheapest = (cost, nodes, sweeps, substeps) if error <= tolerance else cheapest
         if cheapest is None:
             raise ValueError(
-                f"flow must vary slowly enough to be followed in {SUBSTEPS[-1]} substeps per interval of "
-                f"{duration:g}, got speed_scale = {flow.speed_scale:g} and spin_scale = {flow.spin_scale:g}"
+                f"{getattr(flow, 'thing', 'flow')} must vary slowly enough to be followed in {SUBSTEPS[-1]} "
+                f"substeps per interval of {duration:g}, got speed_scale = {flow.speed_scale:g} and "
+                f"spin_scale = {flow.spin_scale:g}"
             )
         _, nodes, sweeps, substeps = cheapest
         outputs = 0 if spacing is None else math.ceil(duration / substeps / spacing - 1e-9)
@@ -81,9 +90,17 @@ class Collocation:
     @cached_property
     def weights(self) -> np.ndarray:
         """Integrals (targets, nodes) of the nodes' Lagrange polynomials from 0 to each target."""
+        return self.integrals(self.targets)
+
+    def integrals(self, ends: np.ndarray) -> np.ndarray:
+        """Integrals (ends, nodes) of the nodes' Lagrange polynomials from 0 to each end."""
         powers = np.arange(self.nodes)
-        vandermonde = self.fractions[:, None] ** powers
-        return (self.targets[:, None] ** (powers + 1) / (powers + 1)) @ np.linalg.inv(vandermonde)
+        return (ends[:, None] ** (powers + 1) / (powers + 1)) @ self._polynomials
+
+    @cached_property
+    def _polynomials(self) -> np.ndarray:
+        """Coefficients (powers, nodes) of the nodes' Lagrange polynomials."""
+        return np.linalg.inv(self.fractions[:, None] ** np.arange(self.nodes))
 
     def motions(self, curvature: Array, speed: Array, duration: Array) -> Motion:
         """Motions (2, targets, ...) along the arc from the start of a substep to each target."""
@@ -93,22 +110,38 @@ class Collocation:
         return Motion(*(xp.stack(parts, axis=1) for parts in zip(*by_target, strict=True)))
 
     def swim(
-        self, pose: Pose, motions: Motion, speed: Array, duration: Array, weights: Array, flow: Flow
+        self,
+        pose: Pose,
+        motions: Motion,
+        speed: Array,
+        duration: Array,
+        weights: Array,
+        flow: Flow,
+        time: Array = None,
     ) -> tuple[Pose, Array | None]:
         """The pose after the interval and the path (substeps · outputs, ..., 2), if it has outputs.
 
         `motions` comes from `self.motions`, `weights` is `self.weights` as an array of the pose's library;
-        while torch compiles, both may be in pieces.
+        while torch compiles, both may be in pieces. The interval begins at `time` (..., cells) [time], which
+        only a flow that changes needs.
         """
-        table = outer(weights, duration / self.substeps)  # (targets, nodes, ...)
+        step = duration / self.substeps
+        table = outer(weights, step)  # (targets, nodes, ...)
         path = []
-        for _ in range(self.substeps):
-            pose, places = self._substep(pose, motions, speed, table, flow)
+        for number in range(self.substeps):
+            times = None if time is None else [time + (number + float(f)) * step for f in self.fractions]
+            pose, places = self._substep(pose, motions, speed, table, flow, times)
             path.append(places)
         return pose, namespace(pose.position).concat(path, axis=0) if self.outputs else None
 
     def _substep(
-        self, pose: Pose, motions: Motion, speed: Array, table: Array, flow: Flow
+        self,
+        pose: Pose,
+        motions: Motion,
+        speed: Array,
+        table: Array,
+        flow: Flow,
+        times: list[Array] | None,
     ) -> tuple[Pose, Array | None]:
         start = *components(pose.position), *components(pose.heading), speed
         position_x, position_y, *heading, speed = alongside(motions.ahead, *start)
@@ -118,10 +151,11 @@ class Collocation:
         tangent_x, tangent_y = moved_x[1, ...], moved_y[1, ...]
         along_x, along_y = tangent_x[:n, ...] * speed, tangent_y[:n, ...] * speed
         x, y = arc_x[:n, ...], arc_y[:n, ...]
+        when = None if times is None else stacked(x, times)
         for sweep in range(self.sweeps):
             last = sweep == self.sweeps - 1
-            flow_x, flow_y, spin = velocity_and_spin(flow, x, y)
-            turn = _integral(table if last else table[:n, ...], spin)  # φ (targets, ...)
+            flow_x, flow_y, spin = velocity_and_spin(flow, x, y, when)
+            turn = integral(table if last else table[:n, ...], spin)  # φ (targets, ...)
             xp = namespace(turn)
             sine, cosine = xp.sin(turn), xp.cos(turn)
             rise, fall = sine[:n, ...], cosine[:n, ...] - 1
@@ -129,14 +163,14 @@ class Collocation:
             rate_y = fall * along_y + rise * along_x + flow_y
             # in the end the outputs and the end, else the nodes
             wanted = slice(n, None) if last else slice(n)
-            x = _integral(table[wanted, ...], rate_x) + arc_x[wanted, ...]
-            y = _integral(table[wanted, ...], rate_y) + arc_y[wanted, ...]
+            x = integral(table[wanted, ...], rate_x) + arc_x[wanted, ...]
+            y = integral(table[wanted, ...], rate_y) + arc_y[wanted, ...]
         end = turned((tangent_x[-1, ...], tangent_y[-1, ...]), cosine[-1, ...], sine[-1, ...])
         path = join(x[:-1, ...], y[:-1, ...]) if self.outputs else None
         return Pose(join(x[-1, ...], y[-1, ...]), unit(*end)), path
 
 
-def _integral(weights: Array, rate: Array) -> Array:
+def integral(weights: Array, rate: Array) -> Array:
     """Σ weights (targets, nodes, ...) · rate (nodes, ...), in the same order however many cells there are."""
     rates = alongside(weights, *(rate[node, ...] for node in range(rate.shape[0])))
     total = weights[:, 0, ...] * rates[0]
@@ -145,17 +179,25 @@ def _integral(weights: Array, rate: Array) -> Array:
     return total
 
 
-def velocity_and_spin(flow: Flow, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """u_x, u_y and ω₀ (...) at the places (x, y); at one go where the flow knows how."""
-    both = getattr(flow, "velocity_and_spin", None)
-    if both is None:
+def velocity_and_spin(flow: Flow, x: Array, y: Array, time: Array = None) -> tuple[Array, Array, Array]:
+    """u_x, u_y and ω₀ (...) at the places (x, y) and times (...); at one go where the flow knows how."""
 
-        def both(x: Array, y: Array) -> tuple[Array, Array, Array]:
-            position = join(x, y)
-            return (*components(flow.velocity(position)), flow.spin(position))
+    def both(x: Array, y: Array, *time: Array) -> tuple[Array, Array, Array]:
+        now = frozen(flow, *time) if time else flow
+        if hasattr(now, "velocity_and_spin"):
+            u, v, spin = now.velocity_and_spin(x, y)
+            return u, v, spin
+        position = join(x, y)
+        return (*components(now.velocity(position)), now.spin(position))
 
-    u, v, spin = by_piece(both, x, y)
+    u, v, spin = by_piece(both, x, y) if time is None else by_piece(both, x, y, time)
     return u, v, spin
+
+
+def fastest_change(flow: Flow) -> float:
+    """How fast a flow changes with time at a place [rad / time]: its `max_frequency`, else as it spins."""
+    stated = getattr(flow, "max_frequency", None)
+    return stated if stated is not None else flow.spin_scale if hasattr(flow, "at") else 0.0
 
 
 def error_estimate(
@@ -175,7 +217,7 @@ def error_estimate(
     step, speed = duration / substeps, length / duration
     shift = (fastest + 0.5 * speed * spin * step) * step  # the deviation from the arc
     # Gauss quadrature of a wave with as many radians as the arc and the flow turn through
-    radians = turn / substeps + math.sqrt(2) * wavenumber * (speed + fastest) * step
+    radians = turn / substeps + (math.sqrt(2) * wavenumber * (speed + fastest) + fastest_change(flow)) * step
     gauss = math.factorial(nodes) ** 4 / ((2 * nodes + 1) * math.factorial(2 * nodes) ** 3)
     quadrature = 0.5 * max(shift, spin * step) * gauss * radians ** (2 * nodes)
     for _ in range(sweeps):  # Picard: what is left of the deviation after each sweep

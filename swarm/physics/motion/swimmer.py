@@ -6,18 +6,23 @@ Where all intervals are whole ticks, what a decision does is looked up in tables
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarm._support.arrays import as_array, join, look_up, namespace
+from swarm._support.arrays import as_array, look_up, namespace
 from swarm._support.compiler import unrolled
+from swarm.physics.crowd.interactions import Interaction
+from swarm.physics.crowd.spread import Spread
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc
-from swarm.physics.motion.clock import Clock, Ticks
-from swarm.physics.motion.collocation import Collocation, velocity_and_spin
+from swarm.physics.motion.clock import Clock, Ticks, frozen
+from swarm.physics.motion.collocation import Collocation
+from swarm.physics.motion.company import Company
+from swarm.physics.motion.domain import within
 
 Array = Any
 
@@ -38,6 +43,7 @@ class Interval(NamedTuple):
     length: Array  # (..., cells) [time]
     speed: Array  # (..., cells) [length / time]
     curvature: Array  # (..., cells) κ*, as chosen
+    swum: Array = None  # (..., cells) curvature of the arc [1 / length]; None where nobody asks for it
 
 
 @dataclass(frozen=True)
@@ -49,16 +55,29 @@ class Swimmer:
     clock: Clock
     flow: Flow
     spacing: float | None = None  # of the places on paths in a flow that are wanted too [time]
+    interactions: tuple[Interaction, ...] = ()
+    spread: Spread | None = None  # of speeds and curvatures over cells
+
+    @cached_property
+    def company(self) -> Company | None:
+        """How cells that influence each other swim together; None where they do not."""
+        if not self.interactions:
+            return None
+        return Company.for_interval(self.flow, self.interactions, *self._largest(), self.spacing)
+
+    def _largest(self) -> tuple[float, float, float]:
+        """Largest turn [rad], length and duration of an interval."""
+        wider = (1.0, 1.0) if self.spread is None else self.spread.largest
+        lengths = [speed * time for speed, time in zip(self.speeds, self.clock.intervals, strict=True)]
+        turns = [kappa * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
+        return max(turns) * wider[0] * wider[1], max(lengths) * wider[0], max(self.clock.intervals)
 
     @cached_property
     def scheme(self) -> Collocation | None:
         """How intervals in the flow are integrated; None in still water."""
         if isinstance(self.flow, StillWater):
             return None
-        longest = max(self.clock.intervals)
-        lengths = [speed * time for speed, time in zip(self.speeds, self.clock.intervals, strict=True)]
-        turns = [kappa * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
-        return Collocation.for_interval(self.flow, max(turns), max(lengths), longest, self.spacing)
+        return Collocation.for_interval(self.flow, *self._largest(), self.spacing)
 
     def normal_curvature(self, curvature: Array) -> Array:
         """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""
@@ -91,74 +110,81 @@ class Swimmer:
     def _motion(self, curvature: Array, speed: Array, length: Array) -> Motion:
         return (arc if self.scheme is None else self.scheme.motions)(curvature, speed, length)
 
-    def swum_curvature(self, action: Array, kick: Array | None, like: Array) -> Array:
-        """Curvature (..., cells) of the arcs that are swum: as chosen, and its perturbation [1 / length]."""
+    def swum_curvature(self, action: Array, kick: Array | None, like: Array, factors: Array = None) -> Array:
+        """Curvature (..., cells) of the arcs that are swum: as chosen, by the cell's own factor, and its
+        perturbation [1 / length].
+        """
         chosen = look_up(as_array(np.asarray(self.curvatures), like), action)
+        if factors is not None:
+            chosen = chosen * factors[..., 1]
         return chosen if kick is None else chosen + kick
 
     def next_interval(
-        self, count: Array, action: Array, over: Array | None, kick: Array | None, like: Array
+        self,
+        count: Array,
+        action: Array,
+        over: Array | None,
+        kick: Array | None,
+        like: Array,
+        factors: Array = None,
     ) -> Interval:
         """The next interval of each cell, in the precision of `like`.
 
         `over` (..., cells) marks cells that stay where they are; None where time alone ends lives, and there
-        is a common tick. `kick` perturbs the curvature.
+        is a common tick. `kick` perturbs the curvature; `factors` (..., cells, 2) multiply speed and
+        curvature.
         """
         if not self.clock.has_common_tick:
             count, length = self.clock.next_length(count, action, over, like)
             speed = look_up(as_array(np.asarray(self.speeds), like), action)
-            motion = self._motion(self.swum_curvature(action, kick, like), speed, length)
+            if factors is not None:
+                speed = speed * factors[..., 0]
+            motion = self._motion(self.swum_curvature(action, kick, like, factors), speed, length)
             chosen = self.swum_curvature(action, None, like)
             return Interval(count, motion, length, speed, self.normal_curvature(chosen))
         tables = self.tables(like)
         count, column = self.clock.next_column(count, action, tables.ticks, over)
         rows = look_up(tables.rows, column)
         curvature, length, speed = rows[0, ...], rows[1, ...], rows[2, ...]
-        if kick is not None:
-            motion = self._motion(self.swum_curvature(action, kick, like), speed, length)
+        if factors is not None:
+            speed = speed * factors[..., 0]
+        if kick is not None or factors is not None:
+            motion = self._motion(self.swum_curvature(action, kick, like, factors), speed, length)
             return Interval(count, motion, length, speed, curvature)
         parts = rows[3:, ...]
         if self.scheme is not None:
             parts = namespace(rows).reshape(parts, (4, -1, *column.shape))
         return Interval(count, Motion(parts[:2, ...], parts[2:, ...]), length, speed, curvature)
 
-    def swim(self, pose: Pose, interval: Interval) -> tuple[Pose, Array | None]:
-        """The pose after an interval, and in a flow the positions on the way to it, if the scheme has any."""
+    def swim(self, pose: Pose, interval: Interval, time: Array = None) -> tuple[Pose, Array | None]:
+        """The pose after an interval that begins at `time` (..., cells), which only a flow that changes
+        needs, and in a flow the positions on the way to it, if the scheme has any.
+        """
         scheme = self.scheme
         if scheme is None:
             return along_arc(pose, Motion(*unrolled(interval.motion, 1))), None
-        weights, flow = self.tables(pose.position).weights, within(self.flow, pose.position)
+        weights = self.tables(pose.position).weights
         *motion, weights = unrolled((*interval.motion, weights), 0 if scheme.outputs else 2)
-        return scheme.swim(pose, Motion(*motion), interval.speed, interval.length, weights, flow)
+        given = interval.speed, interval.length, weights, within(self.flow, pose.position)
+        return scheme.swim(pose, Motion(*motion), *given, time)
 
     def swim_back(self, pose: Pose, curvature: Array, speed: Array, length: Array) -> Pose:
-        """The pose one interval before, by the same scheme: it must not depend on which cells there are."""
+        """The pose one interval before, in the flow at t = 0, by the same scheme: it must not depend on which
+        cells there are.
+        """
         if self.scheme is None:
             return along_arc(pose, arc(curvature, speed, -length))
         scheme = dataclasses.replace(self.scheme, outputs=0)
         motions = scheme.motions(curvature, speed, -length)
-        weights, flow = as_array(scheme.weights, length), within(self.flow, pose.position)
+        weights, flow = as_array(scheme.weights, length), within(frozen(self.flow, 0.0), pose.position)
         return scheme.swim(pose, motions, speed, -length, weights, flow)[0]
 
-
-class Within:
-    """A flow that is asked in its domain only: for a place outside it answers as for where the cell comes
-    from.
-    """
-
-    def __init__(self, flow: Flow, position: Array) -> None:
-        """`position` (..., cells, 2) lies in the domain."""
-        self._flow, self._origin = flow, (position[..., 0], position[..., 1])
-        if hasattr(flow, "at"):
-            self.at = lambda time: Within(flow.at(time), position)
-
-    def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """u_x, u_y and ω₀ (...) at the places (x, y)."""
-        inside, where = self._flow.inside(join(x, y)), namespace(x).where  # type: ignore[attr-defined]
-        x, y = (where(inside, *pair) for pair in zip((x, y), self._origin, strict=True))
-        return velocity_and_spin(self._flow, x, y)
-
-
-def within(flow: Flow, position: Array) -> Any:
-    """The flow as cells meet it that come from `position` (..., cells, 2)."""
-    return flow if getattr(flow, "inside", None) is None else Within(flow, position)
+    def places(self, pose: Pose, interval: Interval, end: Pose, parts: Sequence[float]) -> Array:
+        """Positions (parts, ..., cells, 2) after parts of an interval: on the arc, from which the cell is led
+        off evenly to where it ends; exact in still water. The interval must tell what is `swum`.
+        """
+        arcs = interval.swum, interval.speed
+        away = end.position - along_arc(pose, arc(*arcs, interval.length)).position
+        return namespace(away).stack(
+            [along_arc(pose, arc(*arcs, part * interval.length)).position + part * away for part in parts]
+        )

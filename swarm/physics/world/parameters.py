@@ -17,77 +17,28 @@ from swarm._support.checks import (
     check_box,
     check_count,
     check_flag,
-    check_function,
-    check_methods,
     check_name,
     check_number,
     check_pair,
     optional,
     parameter,
 )
-from swarm.physics.fields import FIELDS, Field
-from swarm.physics.flows import FLOWS, Flow, StillWater
+from swarm.physics.crowd.interactions import Interaction, check_interactions
+from swarm.physics.crowd.medium import Medium, check_medium
+from swarm.physics.crowd.race import Race
+from swarm.physics.crowd.spread import Spread, check_spread
+from swarm.physics.fields import Field
+from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion import clock
 from swarm.physics.motion.clock import Clock
 from swarm.physics.motion.swimmer import Swimmer
 from swarm.physics.perception import Memory, MemoryWithFlow, Sensor, check_sensor
 from swarm.physics.rewards import Reward, check_reward
+from swarm.physics.world.rules import as_data, check_curvatures, check_field, check_flow, check_times
 
 Array = Any
 
 DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
-
-
-# --- rules ------------------------------------------------------------------------------------------------
-
-
-def _check_field(name: str, value: Any) -> Field:
-    field = FIELDS.make(value)
-    check_methods(name, field, ["concentration"], ["gradient_scale"])
-    check_number(f"{name}.gradient_scale", field.gradient_scale, above=0.0)
-    _check_options(name, field)
-    return field
-
-
-def _check_flow(name: str, value: Any) -> Flow:
-    flow = FLOWS.make(value)
-    check_methods(name, flow, ["velocity", "spin"], ["speed_scale", "spin_scale"])
-    for scale in ("speed_scale", "spin_scale"):
-        check_number(f"{name}.{scale}", getattr(flow, scale), at_least=0.0)
-    _check_options(name, flow)
-    return flow
-
-
-def _check_options(name: str, part: Any) -> None:
-    """Checks what a field or a flow need not have."""
-    bounds = ("max_gradient", "max_speed", "max_spin", "max_shear")
-    for option in (*bounds, "period", "egg_radius"):
-        if getattr(part, option, None) is not None:
-            rule = {"at_least" if option in bounds else "above": 0.0}
-            check_number(f"{name}.{option}", getattr(part, option), **rule)
-    if getattr(part, "egg_radius", None) is not None:
-        check_pair(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
-    for option, check in (("box", check_box), ("inside", check_function)):
-        if getattr(part, option, None) is not None:
-            check(f"{name}.{option}", getattr(part, option))
-
-
-def _check_curvatures(name: str, values: Any) -> tuple[float, ...]:
-    try:
-        curvatures = tuple(check_number(name, value) for value in values)
-    except TypeError:
-        raise TypeError(f"{name} must be two or more numbers, got {values!r}") from None
-    if len(curvatures) < 2:
-        raise ValueError(f"{name} must be two or more numbers, got {values!r}")
-    steps = np.diff(curvatures)
-    if curvatures[0] <= 0 or np.any(steps <= 1e-9 * curvatures[-1]):
-        raise ValueError(f"{name} must rise and be positive, got {curvatures}")
-    if np.ptp(steps) > 1e-9 * steps[0]:
-        raise ValueError(f"{name} must be evenly spaced, got {curvatures}")
-    return curvatures
-
-
-# --- parameters and what follows from them ----------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -99,13 +50,13 @@ class Parameters(Checked):
     """
 
     n_records: int = parameter(4, check_count, at_least=2)  # N_T, records a cell keeps
-    field: Field = parameter("linear", _check_field)
-    flow: Flow = parameter("still", _check_flow)
+    field: Field = parameter("linear", check_field)
+    flow: Flow = parameter("still", check_flow)
     sense_flow: bool = parameter(False, check_flag)  # short for sensor="memory_with_flow"
     varying_speed: bool = parameter(False, check_flag)  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
     life: float = parameter(80.0, check_number, above=0.0)  # t_life [time], paper table 1
     start_box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, optional(check_box))
-    curvatures: tuple[float, ...] = parameter((3.0, 5.0), _check_curvatures)  # κ₁ … κ_m [1 / length], table 1
+    curvatures: tuple[float, ...] = parameter((3.0, 5.0), check_curvatures)  # κ₁ … κ_m [1 / length], table 1
     speed: float = parameter(1.0, check_number, above=0.0)  # v [length / time], paper table 1
     speeds: tuple[float, float] = parameter(  # v₁, v₂, paper table 1
         (1.1, 0.9), check_pair, rule="two positive numbers", above=0.0
@@ -121,6 +72,15 @@ class Parameters(Checked):
     curvature_diffusion: float = parameter(0.0, check_number, at_least=0.0)
     sensor: Sensor = parameter(None, optional(check_sensor))  # what a record holds; None: see `sense_flow`
     reward: Reward = parameter("own", check_reward)
+    # what cells share; with any of these on, all decide at the same moments
+    interactions: tuple[Interaction, ...] = parameter((), check_interactions)
+    medium: Medium | None = parameter(None, optional(check_medium))
+    first_arrivals: int | None = parameter(None, optional(check_count))  # that win, and end the episode
+    block_delay: float = parameter(0.0, check_number, at_least=0.0)  # so long after the last of them [time]
+    binding_rate: float | None = parameter(  # λ_b, molecules bound per concentration [1 / (conc. · time)]
+        None, optional(check_number), above=0.0
+    )
+    spread: Spread | None = parameter(None, optional(check_spread))  # of speeds and curvatures over cells
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -140,17 +100,43 @@ class Parameters(Checked):
             raise ValueError(
                 f"mean curvature × speed must lie between 1e-9 and 1e9 rad per time, got {rates}"
             )
-        for name, part in (("field", self.field), ("flow", self.flow)):
-            times = getattr(part, "times", None)
-            if times is not None and not times[0] <= 0.0 <= self.life <= times[1]:
-                raise ValueError(
-                    f"{name} must have data for all times from 0 to the life {self.life:g}, "
-                    f"or outside_time='held', got {times[0]:g} to {times[1]:g}"
-                )
+        check_times(self.life, field=self.field, flow=self.flow)
         try:
             _ = self.swimmer.scheme  # raises where intervals cannot be counted or the flow varies too fast
         except ArithmeticError:
             raise ValueError(f"flow must vary slowly enough to be followed, got {self.flow!r}") from None
+        self._check_company()
+
+    def _check_company(self) -> None:
+        """Raises ValueError where what cells share does not go with the rest."""
+        if self.is_shared and len(set(self.clock.intervals)) > 1:
+            raise ValueError(
+                "interval_rule must be 'common' where cells share a medium, interact or race, so that all "
+                f"decide at the same moments, got {self.interval_rule!r} with {self.clock.intervals}"
+            )
+        if self.first_arrivals is not None and self.egg is None:
+            raise ValueError(f"first_arrivals must go with a field that has an egg, got {self.field!r}")
+        if self.block_delay > 0 and self.first_arrivals is None:
+            raise ValueError(f"block_delay must go with first_arrivals, got {self.block_delay:g} without")
+        if self.binding_rate is not None and self.concentration_noise > 0:
+            raise ValueError(
+                "concentration_noise must be 0 where bindings are counted (binding_rate), got "
+                f"{self.concentration_noise:g}"
+            )
+        for each in self.interactions:
+            if getattr(each, "core", None) == 0:
+                raise ValueError(f"core must be above 0 in a world, whose cells may touch, got {each!r}")
+        _ = self.swimmer.company  # raises where they vary too fast
+        if self.medium is not None:
+            longest, fastest = max(self.intervals), max(self.action_speeds)
+            self.medium.check(
+                self.field,
+                self.flow,
+                start_box=self.box,
+                interval=longest,
+                speed=fastest,
+                curvature=self.curvatures[-1],
+            )
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -166,6 +152,12 @@ class Parameters(Checked):
         elif "sensor" in changes:
             changes["sense_flow"] = False
         return dataclasses.replace(self, **changes)
+
+    def described(self) -> dict[str, Any]:
+        """All parameters as plain data, from which the same world can be made; a part of a user's own class,
+        or one that is more than plain data, is told by the name of its class.
+        """
+        return {item.name: as_data(item.name, getattr(self, item.name)) for item in dataclasses.fields(self)}
 
     @cached_property
     def n_actions(self) -> int:
@@ -216,7 +208,11 @@ class Parameters(Checked):
     @cached_property
     def clock(self) -> Clock:
         """When cells decide, and how long they live."""
-        return Clock(self.periods, self.n_records, self.life, self.time_step, self.interval_rule)
+        periods = self.periods
+        if self.interval_rule == "common":  # T of the mean speed for all
+            mean = sum(self.action_speeds) / self.n_actions
+            periods = (2 * math.pi / (self.mean_curvature * mean),) * self.n_actions
+        return Clock(periods, self.n_records, self.life, self.time_step, self.interval_rule)
 
     has_common_tick = property(attrgetter("clock.has_common_tick"))
     tick = property(attrgetter("clock.tick"))
@@ -229,13 +225,24 @@ class Parameters(Checked):
     def swimmer(self) -> Swimmer:
         """What each action does."""
         spacing = self.time_step if self.egg is not None else None  # of the places where its path is tested
-        return Swimmer(self.curvatures, self.action_speeds, self.clock, self.flow, spacing)
+        shared = self.interactions, self.spread
+        return Swimmer(self.curvatures, self.action_speeds, self.clock, self.flow, spacing, *shared)
+
+    @cached_property
+    def race(self) -> Race | None:
+        """Who wins, or None where nobody races."""
+        return None if self.first_arrivals is None else Race(self.first_arrivals, self.block_delay)
+
+    @cached_property
+    def is_shared(self) -> bool:
+        """Whether what one cell does can matter to another."""
+        return bool(self.interactions) or self.medium is not None or self.first_arrivals is not None
 
     @cached_property
     def has_noise(self) -> bool:
         """Whether any perturbation is on, so that `step` needs noise."""
-        noises = self.concentration_noise, self.curvature_noise, self.rotational_diffusion
-        return max(*noises, self.curvature_diffusion) > 0
+        noise = self.concentration_noise, self.curvature_noise, self.rotational_diffusion
+        return max(*noise, self.curvature_diffusion) > 0 or self.binding_rate is not None
 
     @cached_property
     def curvature_spreads(self) -> tuple[float, ...]:
@@ -253,6 +260,11 @@ class Parameters(Checked):
     def in_flow(self) -> bool:
         """Whether there is a flow to integrate."""
         return not isinstance(self.flow, StillWater)
+
+    @cached_property
+    def is_steady(self) -> bool:
+        """Whether neither field nor flow changes with time."""
+        return not any(hasattr(part, "at") for part in (self.field, self.flow))
 
     @cached_property
     def reward_scale(self) -> float:
@@ -276,7 +288,9 @@ class Parameters(Checked):
     @cached_property
     def domains(self) -> tuple[Any, ...]:
         """The field's and the flow's `inside`, where they have one."""
-        parts = (getattr(part, "inside", None) for part in (self.field, self.flow))
+        parts = [getattr(part, "inside", None) for part in (self.field, self.flow)]
+        if self.medium is not None and self.medium.leaving == "truncate":
+            parts.append(self.medium.inside)
         return tuple(inside for inside in parts if inside is not None)
 
     @property

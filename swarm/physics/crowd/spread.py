@@ -1,0 +1,53 @@
+"""Spread: cells that are not alike, each with a speed and a curvature of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from swarm._support.checks import Checked, check_name, check_number, parameter
+
+MOST = 3.0  # standard deviations, at which normal numbers are cut off
+
+
+def _check_part(name: str, value: Any) -> float:
+    number = check_number(name, value, at_least=0.0)
+    if number * MOST >= 1:
+        raise ValueError(f"{name} must be below 1/{MOST:g}, so that no cell swims backwards, got {value!r}")
+    return number
+
+
+@dataclass(frozen=True)
+class Spread(Checked):
+    """Standard deviations, relative to the mean, of the cells' speed and mean curvature.
+
+    Each cell has a factor of its own for the speed, and one for all its curvatures, normally distributed up
+    to three standard deviations. A record of curvature tells the action; the sensor `memory_with_traits`
+    records both factors too. Decisions last as long for all: ΔT is that of the mean cell.
+    """
+
+    speed: float = parameter(0.0, _check_part)
+    curvature: float = parameter(0.0, _check_part)
+
+    def factors(self, normal: np.ndarray) -> np.ndarray:
+        """Factors of speed and curvature (cells, 2) of standard normal numbers (cells, 2)."""
+        return 1 + np.clip(normal, -MOST, MOST) * (self.speed, self.curvature)
+
+    @property
+    def largest(self) -> tuple[float, float]:
+        """The largest factors of speed and curvature."""
+        return 1 + MOST * self.speed, 1 + MOST * self.curvature
+
+
+def check_spread(name: str, value: Any) -> Spread:
+    """The spread that `value` is or describes, a mapping of its parameters."""
+    if isinstance(value, Mapping):
+        for key in value:
+            check_name(f"parameter of {name}", key, ("speed", "curvature"))
+        return Spread(**value)
+    if not isinstance(value, Spread):
+        raise TypeError(f"{name} must be a Spread or a mapping of its parameters, got {value!r}")
+    return value

@@ -1,0 +1,89 @@
+"""What parameters of a world must be, and how they are told as plain data."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+import numpy as np
+
+from swarm._support.checks import check_box, check_function, check_methods, check_number, check_pair
+from swarm._support.registry import TYPE, Registry
+from swarm.physics.crowd.interactions import INTERACTIONS
+from swarm.physics.fields import FIELDS, Field
+from swarm.physics.flows import FLOWS, Flow
+from swarm.physics.perception import SENSORS
+from swarm.physics.rewards import REWARDS
+
+PARTS = {"field": FIELDS, "flow": FLOWS, "sensor": SENSORS, "reward": REWARDS}  # one of each in a world
+
+
+def check_field(name: str, value: Any) -> Field:
+    field = FIELDS.make(value)
+    check_methods(name, field, ["concentration"], ["gradient_scale"])
+    check_number(f"{name}.gradient_scale", field.gradient_scale, above=0.0)
+    _check_options(name, field)
+    return field
+
+
+def check_flow(name: str, value: Any) -> Flow:
+    flow = FLOWS.make(value)
+    check_methods(name, flow, ["velocity", "spin"], ["speed_scale", "spin_scale"])
+    for scale in ("speed_scale", "spin_scale"):
+        check_number(f"{name}.{scale}", getattr(flow, scale), at_least=0.0)
+    _check_options(name, flow)
+    return flow
+
+
+def _check_options(name: str, part: Any) -> None:
+    """Checks what a field or a flow need not have."""
+    bounds = ("max_gradient", "max_speed", "max_spin", "max_shear")
+    for option in (*bounds, "period", "egg_radius"):
+        if getattr(part, option, None) is not None:
+            rule = {"at_least" if option in bounds else "above": 0.0}
+            check_number(f"{name}.{option}", getattr(part, option), **rule)
+    if getattr(part, "egg_radius", None) is not None:
+        check_pair(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
+    for option, check in (("box", check_box), ("inside", check_function)):
+        if getattr(part, option, None) is not None:
+            check(f"{name}.{option}", getattr(part, option))
+
+
+def check_curvatures(name: str, values: Any) -> tuple[float, ...]:
+    try:
+        curvatures = tuple(check_number(name, value) for value in values)
+    except TypeError:
+        raise TypeError(f"{name} must be two or more numbers, got {values!r}") from None
+    if len(curvatures) < 2:
+        raise ValueError(f"{name} must be two or more numbers, got {values!r}")
+    steps = np.diff(curvatures)
+    if curvatures[0] <= 0 or np.any(steps <= 1e-9 * curvatures[-1]):
+        raise ValueError(f"{name} must rise and be positive, got {curvatures}")
+    if np.ptp(steps) > 1e-9 * steps[0]:
+        raise ValueError(f"{name} must be evenly spaced, got {curvatures}")
+    return curvatures
+
+
+def as_data(name: str, part: Any) -> Any:
+    """A parameter of a world as plain data."""
+
+    def told(registry: Registry, part: Any) -> dict[str, Any]:
+        return registry.describe(part) or {TYPE: type(part).__name__}
+
+    if name in PARTS:
+        return told(PARTS[name], part)
+    if name == "interactions":
+        return [told(INTERACTIONS, each) for each in part]
+    return json.loads(json.dumps(dataclasses.asdict(part) if name in ("medium", "spread") and part else part))
+
+
+def check_times(life: float, **parts: Any) -> None:
+    """Raises ValueError where a part has data for a part of the life only."""
+    for name, part in parts.items():
+        times = getattr(part, "times", None)
+        if times is not None and not times[0] <= 0.0 <= life <= times[1]:
+            raise ValueError(
+                f"{name} must have data for all times from 0 to the life {life:g}, "
+                f"or outside_time='held', got {times[0]:g} to {times[1]:g}"
+            )

@@ -1,0 +1,121 @@
+"""The state of a world's cells, what a decision led to, and what a start must be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, Self
+
+from swarm._support.arrays import Array, namespace
+from swarm._support.checks import check_cells
+from swarm.physics.crowd.medium import MediumState
+from swarm.physics.motion.arc import Pose
+from swarm.physics.world.parameters import Parameters
+
+NOISE_CHANNELS = 3  # sensed concentration, curvature, heading
+
+
+class State(NamedTuple):
+    """Everything that changes; nothing is ever changed in place."""
+
+    position: Array  # (..., cells, 2) [length]
+    heading: Array  # (..., cells, 2) unit vector
+    memory: Array  # (..., cells, N_T, features), newest first, see `perception`
+    clock: Array  # (..., cells) ticks lived; without a common tick (..., cells, actions): decisions by action
+    start_concentration: Array  # (..., cells) c(0)
+    finished: Array  # (..., cells) bool: arrived, left the domain or out of time
+    factors: Array = None  # (..., cells, 2) of the cell's speed and curvature; None where all are alike
+    arrival_time: Array = None  # (..., cells) at the egg, infinite before [time]; None where nobody races
+    medium: Any = None  # `MediumState`, what cells have changed; None without a medium
+
+    @property
+    def pose(self) -> Pose:
+        """Position and heading."""
+        return Pose(self.position, self.heading)
+
+    def each(self, function: Callable[..., Any], *others: State) -> Self:
+        """The state of what `function` makes of each array, together with those of others."""
+        return _each(function, self, *others)
+
+    def named(self, name: str) -> dict[str, Any]:
+        """All arrays by name, "name.field" and "name.field.field"."""
+        return _named(self, name)
+
+    @classmethod
+    def of_named(cls, arrays: Mapping[str, Any], name: str) -> Self:
+        """The state whose arrays `named` gave."""
+        parts = {field: arrays.get(f"{name}.{field}") for field in cls._fields}
+        if f"{name}.medium.grid" in arrays:
+            parts["medium"] = MediumState(
+                *(arrays[f"{name}.medium.{field}"] for field in MediumState._fields)
+            )
+        return cls(**parts)
+
+
+class Outcome(NamedTuple):
+    """What one decision led to."""
+
+    observation: Array  # (..., cells, N_T · features) float32
+    reward: Array  # (..., cells) as the world's `reward` has it
+    terminated: Array  # (..., cells) bool: reached the egg, or the race is over
+    truncated: Array  # (..., cells) bool: out of time, or left the domain
+    gain: Array  # (..., cells) c(t) − c(0) [concentration]
+
+
+def _named(part: Any, name: str) -> dict[str, Any]:
+    if part is None:
+        return {}
+    if not isinstance(part, (State, MediumState)):
+        return {name: part}
+    return {
+        key: array
+        for field, each in zip(part._fields, part, strict=True)
+        for key, array in _named(each, f"{name}.{field}").items()
+    }
+
+
+def _each(function: Callable[..., Any], first: Any, *others: Any) -> Any:
+    if first is None:
+        return None
+    if isinstance(first, tuple):
+        return type(first)(*(_each(function, *parts) for parts in zip(first, *others, strict=True)))
+    return function(first, *others)
+
+
+def check_start(world: Parameters, position: Array, heading: Array, past: Array, factors: Array) -> None:
+    """Raises ValueError on what no life can begin with, see `World.start`."""
+    xp = namespace(position)
+    cells = tuple(position.shape[:-1])
+    if not cells or position.shape[-1] != 2 or not xp.isdtype(position.dtype, "real floating"):
+        raise ValueError(
+            f"position must be floating numbers (..., cells, 2), got {position.dtype} {tuple(position.shape)}"
+        )
+    if tuple(heading.shape) != cells:
+        raise ValueError(f"heading must be {cells} like the cells of position, got {tuple(heading.shape)}")
+    if tuple(past.shape) != (*cells, world.n_records) or not xp.isdtype(past.dtype, "integral"):
+        raise ValueError(
+            f"past must be whole numbers {(*cells, world.n_records)}, got {past.dtype} {tuple(past.shape)}"
+        )
+    if factors is not None and (world.spread is None or factors.shape != position.shape):
+        rule = f"factors must be {tuple(position.shape)}, and go with a world that has a spread"
+        raise ValueError(f"{rule}, got {tuple(factors.shape)} and spread={world.spread}")
+    if world.first_arrivals is not None and cells[-1] < world.first_arrivals:
+        raise ValueError(
+            f"first_arrivals must be at most the number of cells, {cells[-1]}, got {world.first_arrivals}"
+        )
+    check_cells("position", "be finite", position, xp.all(xp.isfinite(position), axis=-1))
+    check_cells("heading", "be finite", heading, xp.isfinite(heading))
+    known = xp.all((past >= 0) & (past < world.n_actions), axis=-1)
+    check_cells("past", f"hold actions from 0 to {world.n_actions - 1}", past, known)
+    for inside in world.domains:
+        rule = "lie inside the domain of the field and the flow"
+        check_cells("position", rule, position, inside(position))
+
+
+def check_noise(world: Parameters, state: State, noise: Array | None) -> None:
+    """Raises ValueError unless there is a number for every cell and channel."""
+    needed = (*state.finished.shape, NOISE_CHANNELS + (world.binding_rate is not None))
+    if noise is None or tuple(noise.shape) != needed:
+        raise ValueError(
+            f"noise must be standard normal numbers {needed}, because the world has perturbations, "
+            f"got {None if noise is None else tuple(noise.shape)}"
+        )

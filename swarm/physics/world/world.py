@@ -1,0 +1,323 @@
+"""The world: the state of its cells, its start, and one decision of every cell.
+
+All functions are pure and written against the Python array API, so NumPy, torch and jax arrays of any leading
+axes (..., cells) work alike. Randomness comes in as arrays.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from swarm._support.arrays import as_array, join, look_up, namespace, nowhere
+from swarm._support.checks import check_cells
+from swarm.physics import perception
+from swarm.physics.crowd.binding import counted
+from swarm.physics.motion.arc import (
+    Pose,
+    arrival,
+    arrival_on,
+    closest_approach,
+    comes_within,
+    components,
+    turned,
+    unit,
+)
+from swarm.physics.motion.clock import frozen
+from swarm.physics.motion.domain import kept
+from swarm.physics.motion.swimmer import Interval
+from swarm.physics.perception import Situation
+from swarm.physics.world.parameters import Parameters
+from swarm.physics.world.state import NOISE_CHANNELS, Outcome, State, check_noise, check_start
+
+Array = Any
+
+GAUSS = {0.5 - 0.15**0.5: 5 / 18, 0.5: 4 / 9, 0.5 + 0.15**0.5: 5 / 18}  # parts of an interval, and weights
+
+
+@dataclass(frozen=True)
+class World(Parameters):
+    """A world of cells: its [parameters][swarm.physics.world.parameters.Parameters], where lives start, and
+    what a decision does.
+    """
+
+    def start(
+        self, position: Array, heading: Array, past: Array, factors: Array = None, noise: Array = None
+    ) -> State:
+        """The state at t = 0 with a memory full of true records.
+
+        `position` (..., cells, 2), `heading` (..., cells) [rad], `past` (..., cells, N_T) actions, newest
+        first: the cell swam the newest N_T − 1 of them to its pose, alone and in the field and the flow at
+        t = 0, the oldest is only recorded. `factors` (..., cells, 2) are the cells' own of speed and
+        curvature, where the world spreads them, 1 by default; `noise` (..., cells, N_T) standard normal
+        numbers for `concentration_noise`, without which records are exact. A past ends where it would come
+        from outside the domain: before, the cell has waited there. Raises
+        ValueError on wrong shapes and, where values are known (not inside a jax trace), on a start that is
+        not finite, lies outside the field's or the flow's domain, has no finite concentration or whose past
+        holds unknown actions; the cell is named.
+        """
+        xp = namespace(position)
+        check_start(self, position, heading, past, factors)
+        position = join(*components(position))
+        heading = join(xp.cos(heading), xp.sin(heading))
+        concentration = frozen(self.field, 0.0).concentration(position)
+        check_cells("position", "have a finite concentration", position, xp.isfinite(concentration))
+        finished = as_array(np.zeros(position.shape[:-1]), position, dtype=xp.bool)
+        count = self.clock.start(finished)  # of the past too, which is swum as at t = 0
+        by_action = [
+            as_array(np.asarray(values), position)
+            for values in (self.curvatures, self.action_speeds, self.intervals)
+        ]
+        pose = Pose(position, heading)
+        if self.spread is not None and factors is None:
+            factors = xp.ones_like(position)
+        records: list[Sequence[Array]] = []
+        for i in range(self.n_records):
+            curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
+            sensed = frozen(self.field, 0.0).concentration(pose.position)
+            if self.concentration_noise > 0 and noise is not None:
+                sensed = sensed + self.concentration_noise * noise[..., i]
+            chosen = self.normal_curvature(curvature)
+            records.append(self._record(pose, sensed, chosen, finished, count, factors))
+            if i < self.n_records - 1:
+                if factors is not None:
+                    speed, curvature = speed * factors[..., 0], curvature * factors[..., 1]
+                pose, _ = kept(self.domains, self.swimmer.swim_back(pose, curvature, speed, interval), pose)
+        if len(records[0]) != self.features:
+            names = ", ".join(self.sensor.names)
+            raise ValueError(f"sensor must record a number for each of {names}, got {len(records[0])}")
+        state = State(
+            position=position,
+            heading=heading,
+            memory=perception.memory_of(records),
+            clock=count,
+            start_concentration=concentration,
+            finished=finished,
+            factors=factors,
+        )
+        if self.race is not None:
+            state = state._replace(arrival_time=xp.full_like(concentration, math.inf))
+        if self.medium is not None:
+            state = state._replace(medium=self.medium.start(self.field, position))
+            state = state._replace(start_concentration=self.concentration(state))
+        return state
+
+    def step(self, state: State, action: Array, noise: Array = None) -> tuple[State, Outcome]:
+        """One decision of every cell, whatever its length; a finished cell stays where it is, and one that
+        leaves the domain where it was before: fields and flows are not asked outside.
+
+        `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed
+        when a perturbation is on, and with a `binding_rate` a fourth of uniform ones. Pure: `state` is left
+        as it was.
+        """
+        if self.has_noise:
+            check_noise(self, state, noise)
+        over = state.finished if self._ends_early or not self.clock.has_common_tick else None
+        kick = self._kick(action, noise)
+        interval = self.swimmer.next_interval(state.clock, action, over, kick, state.position, state.factors)
+        if self._needs_arcs:
+            arcs = self.swimmer.swum_curvature(action, kick, state.position, state.factors)
+            interval = interval._replace(swum=arcs)
+        pose, path = self._swim(state, interval)
+        medium = None if self.medium is None else self._medium(state, interval, pose)
+        if self.rotational_diffusion > 0:
+            xp = namespace(noise)
+            turn = noise[..., 2] * (2 * self.rotational_diffusion * interval.length) ** 0.5
+            pose = Pose(pose.position, unit(*turned(components(pose.heading), xp.cos(turn), xp.sin(turn))))
+        swum, (pose, left) = pose, kept(self.domains, pose, state.pose)
+        concentration = sensed = self._concentration(pose.position, interval.count, medium)
+        if self.concentration_noise > 0:
+            sensed = concentration + self.concentration_noise * noise[..., 0]
+        if self.binding_rate is not None:
+            mean = self._mean_concentration(state, interval, pose, medium)
+            sensed = counted(noise[..., NOISE_CHANNELS], mean, self.binding_rate * interval.length)
+        newest = self._record(pose, sensed, interval.curvature, state.finished, interval.count, state.factors)
+        memory, observation = perception.renew(state.memory, newest)
+        arrival_time = self._arrival_time(state, interval, swum, path)
+        terminated, truncated, finished = self._ends(state, interval, swum, path, left, medium, arrival_time)
+        after = State(
+            *pose,
+            memory,
+            interval.count,
+            state.start_concentration,
+            finished,
+            state.factors,
+            arrival_time,
+            medium,
+        )
+        ends = terminated, truncated, concentration - state.start_concentration
+        reward = self.reward.reward(self, state, after, Outcome(observation, None, *ends))
+        return after, Outcome(observation, reward, *ends)
+
+    def _kick(self, action: Array, noise: Array) -> Array:
+        """What is added to the curvature (..., cells) [1 / length]; None where nothing is."""
+        if self.curvature_diffusion > 0:
+            return look_up(as_array(np.asarray(self.curvature_spreads), noise), action) * noise[..., 1]
+        return self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
+
+    def time(self, state: State) -> Array:
+        """Time lived (..., cells), `life` exactly when it is up [time]."""
+        return self.clock.time(state.clock, state.position)
+
+    def concentration(self, state: State) -> Array:
+        """Concentration (..., cells) where the cells are, at their time [concentration]."""
+        return self._concentration(state.position, state.clock, state.medium)
+
+    def _concentration(self, position: Array, count: Array, medium: Any) -> Array:
+        field = self.field if self.is_steady else frozen(self.field, self.clock.time(count, position))
+        found = field.concentration(position)
+        return found if self.medium is None else self.medium.sense(medium, position, found)
+
+    def won(self, state: State) -> Array:
+        """Who has arrived in time (..., cells) bool; nobody in a world without `first_arrivals`."""
+        return nowhere(state.finished) if self.race is None else self.race.won(state.arrival_time)
+
+    # --- what happens within a decision ---------------------------------------------------------------------
+
+    def _swim(self, state: State, interval: Interval) -> tuple[Pose, Array | None]:
+        """The pose after it, and the places on the way to it where the arc does not tell them."""
+        began = None if self.is_steady else self.time(state)
+        company = self.swimmer.company
+        if company is None:
+            return self.swimmer.swim(state.pose, interval, began)
+        arcs = interval.swum, interval.speed, interval.length
+        return company.swim(state.pose, *arcs, ~state.finished, began)
+
+    def _medium(self, state: State, interval: Interval, pose: Pose) -> Any:
+        """The medium at the end of a decision in which cells ate along their ways."""
+        assert self.medium is not None
+        xp = namespace(pose.position)
+        return self.medium.step(
+            state.medium,
+            functools.partial(frozen, self.field),
+            functools.partial(frozen, self.flow),
+            self.swimmer.places(state.pose, interval, pose, self._middles),
+            xp.max(interval.length, axis=-1),
+            ~state.finished,
+            xp.max(self.time(state), axis=-1),
+        )
+
+    @cached_property
+    def _middles(self) -> tuple[float, ...]:
+        """The middles of the medium's substeps, as parts of a decision."""
+        assert self.medium is not None
+        fastest = max(self.action_speeds) * (1.0 if self.spread is None else self.spread.largest[0])
+        count = self.medium.substeps_for(self.flow, fastest, max(self.intervals))
+        return tuple((i + 0.5) / count for i in range(count))
+
+    def _mean_concentration(self, state: State, interval: Interval, pose: Pose, medium: Any) -> Array:
+        """The mean (..., cells) on the way, by three Gauss points [concentration]."""
+        start = None if self.is_steady else self.time(state)
+        mean = 0.0
+        places = self.swimmer.places(state.pose, interval, pose, tuple(GAUSS))
+        for i, (part, weight) in enumerate(GAUSS.items()):
+            field = self.field if start is None else frozen(self.field, start + part * interval.length)
+            place, _ = kept(self.domains, Pose(places[i, ...], pose.heading), state.pose)
+            found = field.concentration(place.position)
+            if self.medium is not None:
+                found = self.medium.sense(medium, place.position, found)
+            mean = mean + weight * found
+        return mean
+
+    def _arrival_time(self, state: State, interval: Interval, pose: Pose, path: Array | None) -> Array:
+        """When cells (..., cells) came to the egg [time], found on the way; None where nobody races."""
+        if self.race is None or self.egg is None:
+            return None
+        centre, radius = self.egg
+        if path is None:
+            length = interval.speed * interval.length
+            part = arrival(state.pose, interval.swum, length, centre, radius)
+        else:
+            part = arrival_on(path, state.position, pose.position, centre, radius)
+        xp = namespace(part)
+        there = xp.isfinite(part) & ~state.finished
+        safe = xp.where(there, part, xp.zeros_like(part))
+        came = self.clock.time(state.clock, pose.position) + safe * interval.length
+        return xp.where(there, came, state.arrival_time)
+
+    def observation(self, state: State) -> Array:
+        """Observation (..., cells, N_T · features) float32 of a state."""
+        return perception.observe(state.memory)
+
+    def heading_angle(self, state: State) -> Array:
+        """Heading θ (..., cells) in (−π, π] [rad]."""
+        xp = namespace(state.heading)
+        return xp.atan2(state.heading[..., 1], state.heading[..., 0])
+
+    def curvature(self, state: State) -> Array:
+        """Curvature (..., cells) used during the interval that ended now [1 / length]."""
+        contrast = 0.5 * (self.curvatures[-1] - self.curvatures[0])
+        return state.memory[..., 0, 1] * contrast + self.mean_curvature
+
+    @cached_property
+    def _ends_early(self) -> bool:
+        """Whether anything but time ends lives."""
+        return self.egg is not None or bool(self.domains) or self._follows
+
+    @cached_property
+    def _needs_arcs(self) -> bool:
+        """Whether more is asked of the way than where it ends."""
+        on_the_way = self.egg is not None or self.medium is not None or self.binding_rate is not None
+        return on_the_way or bool(self.interactions)
+
+    @cached_property
+    def _follows(self) -> bool:
+        """Whether the domain moves with the cells."""
+        return self.medium is not None and self.medium.leaving == "follow"
+
+    def _record(
+        self,
+        pose: Pose,
+        concentration: Array,
+        curvature: Array,
+        finished: Array,
+        count: Array,
+        factors: Array,
+    ) -> Sequence[Array]:
+        """What the sensor records."""
+        time = self.clock.time(count, pose.position) if self._needs_time else None
+        return self.sensor.record(self, time, Situation(*pose, concentration, curvature, finished, factors))
+
+    @cached_property
+    def _needs_time(self) -> bool:
+        return bool(getattr(self.sensor, "needs_time", False)) or not self.is_steady
+
+    def _ends(
+        self,
+        state: State,
+        interval: Interval,
+        pose: Pose,
+        path: Array | None,
+        left: Array | None,
+        medium: Any,
+        arrival_time: Array,
+    ) -> tuple[Array, Array, Array]:
+        """Which cells have arrived, which are out of time or of the domain, and whose lives are over."""
+        truncated = finished = self.clock.is_up(interval.count)
+        terminated = nowhere(finished)
+        if left is not None:
+            truncated = truncated | left
+        if self.medium is not None and self._follows:
+            truncated = truncated | ~self.medium.inside(pose.position, medium.origin)
+        if self.race is not None:
+            now = self.clock.time(interval.count, arrival_time)
+            terminated = self.race.ends(arrival_time, now) & ~state.finished
+            truncated = truncated & ~terminated
+        elif self.egg is not None:
+            centre, radius = self.egg
+            if path is None:
+                length = interval.speed * interval.length
+                terminated = closest_approach(state.pose, interval.swum, length, centre) <= radius
+            else:
+                terminated = comes_within(path, pose.position, centre, radius)
+            terminated = terminated & ~state.finished
+            truncated = truncated & ~terminated
+        if self._ends_early:
+            finished = truncated | terminated | state.finished
+        return terminated, truncated, finished
