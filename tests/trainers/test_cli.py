@@ -22,7 +22,7 @@ from trainers import cli
 from trainers.cli import app
 from trainers.training import run_folder as runs
 
-COMMAND = [sys.executable, "-c", "from trainers.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from trainers.command import main; main()"]
 SHORT = [
     "learning.epochs=2",
     "learning.n_swimmers=3",

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from swarm._support import files
 from swarm._support.arrays import Array
 from swarm._support.checks import check_name
 from swarm.physics.grids.netcdf import AXES, MAX_VALUES, checksum, open_netcdf
@@ -38,7 +39,7 @@ def read_grid(
     """
     check_name("edges", edges, EDGES)
     check_name("interpolation", interpolation, MIN_POINTS)
-    path = os.fspath(data) if isinstance(data, (str, os.PathLike)) else None
+    path = str(files.expanded(data)) if isinstance(data, (str, os.PathLike)) else None
     found = None if path is None else checksum(path)
     if sha256 not in (None, found):
         raise ValueError(f"data must be the file {path} with SHA-256 {sha256}, got one with {found}")
