@@ -44,8 +44,8 @@ slow: install ## the slow tests
 coverage: install ## the tests that are not slow, and which lines they reach
 	$(RUN)/pytest -m "not slow" -n 2 --cov --cov-report=term-missing:skip-covered $(ARGS)
 
-lowest newest: install ## the tests that are not slow with the lowest, or the newest, versions that pyproject.toml allows
-	@test -x .venv-$@/bin/python || $(RUN)/python -m venv .venv-$@
+lowest newest: ## the tests that are not slow with the lowest, or the newest, allowed versions, in a venv of their own
+	@test -x .venv-$@/bin/python || $(or $(PYTHON),python3) -m venv .venv-$@
 	@.venv-$@/bin/python -c "$$BOUNDS" $@ > .venv-$@/bounds.txt
 	.venv-$@/bin/python -m pip install -qq --upgrade --upgrade-strategy eager -c .venv-$@/bounds.txt -e '.[train,dev]'
 	.venv-$@/bin/python -m pytest -m "not slow" -W default -n 2 $(ARGS)

@@ -95,9 +95,8 @@ def train(context: typer.Context) -> None:
     from swarm._support.terminal import Told
     from trainers.settings.composition import settings_from
 
-    if SHOW in (words := context.args) and not any(
-        word in SEVERAL or word.startswith(RESUME) for word in words
-    ):
+    words, others = context.args, (*SEVERAL, RESUME)
+    if SHOW in words and not any(word.startswith(others) for word in words):
         shown = settings_from([word for word in words if word != SHOW and not word.startswith(FOLDER)])
         print(shown.as_yaml().rstrip())
     else:
@@ -142,7 +141,7 @@ def resume(folder: Path) -> None:
     settings = settings_from_stored(stored, run.path)
     if run.finished:
         print(f"{folder} is finished after {settings.learning.epochs} epochs; nothing is left to learn")
-        _print_test(running.test(settings, run), run.path / "evaluation")
+        _print_test(running.test(settings, run))
     else:
         _complete(*running.resume(folder))
 
@@ -163,10 +162,10 @@ def _complete(training: Training, run: RunFolder) -> None:
 
         tested = running.complete(training, run, report=report)
     print(f"trained in {time.perf_counter() - started:.1f} s; policy, metrics and figure are in {run.path}")
-    _print_test(tested, run.path / "evaluation")
+    _print_test(tested)
 
 
-def _print_test(tested: Evaluation | None, out: Path | None) -> None:
+def _print_test(tested: Evaluation | None) -> None:
     from swarm._support.terminal import print_table
 
     if tested is None:
@@ -174,8 +173,6 @@ def _print_test(tested: Evaluation | None, out: Path | None) -> None:
     limit = tested.summary["limit"]
     print_table(tested.table.headings, tested.table.texts)
     print("limit:", "none is known" if limit is None else f"{limit:.2f}, which no policy can exceed")
-    if out is not None:
-        print(f"results and figures are in {out}")
 
 
 POLICY = "A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal"
@@ -221,14 +218,15 @@ def evaluate(
             found = noise_sweeps.sweep_noise(policy, world, levels, kind=kind, progress=bar.show, **options)
         if out is not None:
             save_noise_sweep(found, out)
-            print(f"results and figures are in {out}")
         print_table(found.table.headings, found.table.texts)
     else:
         (world,) = noise_sweeps.check_levels(levels, kind, world) if levels else [world]
         tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
         if out is not None:
             save_evaluation(tested, out)
-        _print_test(tested, out)
+        _print_test(tested)
+    if out is not None:
+        print(f"results and figures are in {out}")
 
 
 def _noise_levels(words: Sequence[str], kind: str | None) -> tuple[list[float], str]:

@@ -445,7 +445,7 @@ def test_a_file_system_without_locks_is_no_hindrance(monkeypatch):
         ({"learning": {"buffer_size": 10**12}}, "GiB of memory are needed, this machine has"),
         ({"n_seeds": 10**15}, "GiB of memory"),
         ({"evaluate": True, "evaluation": {"cells": 10**9}}, "evaluation.cells must be fewer"),
-        ({"evaluate": True, "evaluation": {"life": 1e12}}, "evaluation.life shorter, got 40 and 1e+12"),
+        ({"evaluate": True, "evaluation": {"life": 2e7}}, "evaluation.life shorter, got 40 and 2e+07"),
         ({"device": "cuda:99"}, "device must be one that torch finds here, got 'cuda:99'"),
     ],
 )

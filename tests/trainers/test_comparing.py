@@ -48,12 +48,17 @@ def test_runs_that_differ_in_the_seed_alone_are_one_group():
     assert groups("seed=0", "seed=1") == {"linear_n4 swarm dqn": [0, 1]}
 
 
-def test_one_training_counts_once_by_value():
-    assert groups("seed=0", "seed=0") == {"linear_n4 swarm": [0]}
-    assert groups("world.life=80", "world.life=80.0", "seed=1") == {"linear_n4 swarm": [0, 1]}
-    assert groups("world.field=linear", "world.field={type:linear}") == {"linear_n4 swarm": [0]}
-    found = groups("world.flow={type:vortex,core:3}", "world.flow={core:3.0,type:vortex}")
-    assert list(found.values()) == [[0]]
+@pytest.mark.parametrize(
+    ("runs", "seeds"),
+    [
+        (["seed=0", "seed=0"], [0]),
+        (["world.life=80", "seed=1 world.life=80.0", "world.life=80.0"], [0, 1]),
+        (["world.field=linear", "world.field={type:linear}"], [0]),
+        (["world.flow={type:vortex,core:3}", "world.flow={core:3.0,type:vortex}"], [0]),
+    ],
+)
+def test_one_training_counts_once_by_value(runs, seeds):
+    assert list(groups(*runs).values()) == [seeds]
 
 
 def test_a_run_that_is_named_twice_is_tested_once(monkeypatch, tmp_path):
