@@ -271,7 +271,9 @@ UNFIT = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "parts", "message"), UNFIT, ids=lambda value: str(value)[:60])
+@pytest.mark.parametrize(
+    ("kind", "parts", "message"), UNFIT, ids=lambda value: str(value).partition(" at 0x")[0][:60]
+)
 def test_a_medium_that_does_not_suit_its_world_is_refused(kind, parts, message):
     parts = {"field": LinearField(), "flow": StillWater(), **CELLS, **parts}
     with np.errstate(all="ignore"), pytest.raises(ValueError, match="medium") as error:
@@ -292,7 +294,9 @@ EDGES = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "field", "flow", "message"), EDGES, ids=lambda value: str(value)[:40])
+@pytest.mark.parametrize(
+    ("kind", "field", "flow", "message"), EDGES, ids=lambda value: str(value).partition(" at 0x")[0][:40]
+)
 def test_what_meets_itself_at_the_edges_is_warned_of(kind, field, flow, message):
     medium = Medium(**{**GOOD, **CARRIED, **kind})
     with warnings.catch_warnings(record=True) as found:
