@@ -100,7 +100,7 @@ def train(context: typer.Context) -> None:
         shown = settings_from([word for word in words if word != SHOW and not word.startswith(FOLDER)])
         print(shown.as_yaml().rstrip())
     else:
-        with redirect_stdout(Told(sys.stdout)):  # type: ignore[type-var]
+        with redirect_stdout(Told(sys.stdout)):
             _train(words)
 
 

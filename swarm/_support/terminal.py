@@ -42,18 +42,20 @@ class Told:
         return self._stream is not None and self._stream.isatty()
 
     def _try(self, do: str, *arguments: Any) -> None:
+        stream = self._stream
+        if stream is None:
+            return
         try:
-            if self._stream is not None:
-                getattr(self._stream, do)(*arguments)
+            getattr(stream, do)(*arguments)
         except (OSError, ValueError):  # a closed stream is a ValueError
-            stream, self._stream = self._stream, None
+            self._stream = None
             with suppress(OSError, ValueError), open(os.devnull, "w") as nowhere:  # for what it still holds
                 os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def tell(line: str) -> None:
     """Print a line on stderr, where somebody reads it."""
-    print(line, file=Told(sys.stderr))  # type: ignore[arg-type]
+    print(line, file=Told(sys.stderr))
 
 
 @contextmanager

@@ -123,12 +123,12 @@ class SpermSwarm(Watched, ParallelEnv):
         return self._action_spaces[agent]
 
     @functools.cached_property
-    def observation_spaces(self) -> dict[str, Box]:  # type: ignore[override]
+    def observation_spaces(self) -> dict[str, Box]:
         """Every agent's observation space; made when they are asked for."""
         return {agent: self.observation_space(agent) for agent in self.possible_agents}
 
     @functools.cached_property
-    def action_spaces(self) -> dict[str, Discrete]:  # type: ignore[override]
+    def action_spaces(self) -> dict[str, Discrete]:
         """Every agent's action space; made when they are asked for."""
         return {agent: self.action_space(agent) for agent in self.possible_agents}
 

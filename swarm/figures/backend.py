@@ -16,7 +16,8 @@ def load_matplotlib() -> None:
     except (ValueError, KeyError):
         for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
             del sys.modules[name]
-        data = os.path.join(os.path.dirname(find_spec("matplotlib").origin), "mpl-data")  # type: ignore
+        (installed,) = find_spec("matplotlib").submodule_search_locations  # type: ignore[union-attr, misc]
+        data = os.path.join(installed, "mpl-data")
         with chdir(data), mock.patch.dict(os.environ, MATPLOTLIBRC=data):  # which holds Matplotlib's defaults
             os.environ.pop("MPLBACKEND", None)
             import matplotlib.style  # noqa: F401

@@ -255,6 +255,13 @@ def test_a_mapping_describes_a_medium():
 CELLS = {"start_box": ((1, 9), (1, 7)), "interval": 0.38, "speed": 1.0, "curvature": 5.0}
 GOOD = {"box": BOX, "shape": (128, 128)}
 CARRIED = {"carried": True, "box": ((0, 8), (0, 8))}
+
+
+def named(value):
+    """A name that is the same in every process."""
+    return str(value).partition(" at 0x")[0][:60]
+
+
 UNFIT = [
     ({"box": ((0, 8), (0, 8))}, {}, "box must contain the start box"),
     ({"leaving": "follow"}, {}, "box must be at least twice as wide as the start box"),

@@ -19,9 +19,10 @@ from swarm._support import files
 from swarm._support.checks import check_name
 from swarm.physics.grids.netcdf import located
 from swarm.physics.world import World
+from swarm.physics.world.rules import PARTS
 from swarm.policies.network import ZOO, load_policy
 from trainers.settings.learning import ALGORITHMS
-from trainers.settings.schema import PARTS, Settings, unknown
+from trainers.settings.schema import Settings, unknown
 
 RECORD, MAX_RECORD = "run.json", 2**18  # of what a run was made with, and its bytes
 GROUPS = ("algorithm", "experiment", "recipe", "tuning")  # folders of files to choose from
