@@ -6,16 +6,25 @@ PYTHON ?=
 ARGS ?=
 STAMP := .venv/.installed
 RUN := .venv/bin
+define BOUNDS
+import re, sys, tomllib
+project = tomllib.load(open("pyproject.toml", "rb"))["project"]
+extras = project["optional-dependencies"]
+for line in project["dependencies"] + extras["train"] + extras["dev"] + extras["video"] + extras["render"]:
+    if sys.argv[1] == "lowest" and (lower := re.match(r"([\w.-]+)>=([\d.]+)", line)):
+        print(f"{lower[1]}=={lower[2]}")
+endef
+export BOUNDS
 
 # The caller's own Python settings must not leak into .venv.
 unexport PYTHONHOME PYTHONPATH VIRTUAL_ENV
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test slow coverage bench soak reproduce examples docs clean FORCE
+.PHONY: help install train test slow lowest newest coverage bench soak reproduce examples docs clean FORCE
 
 help: ## list what can be made
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z ]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
 
 install: $(STAMP) ## set up .venv with the tested versions; the second time there is nothing to do
 
@@ -34,6 +43,12 @@ slow: install ## the slow tests
 
 coverage: install ## the tests that are not slow, and which lines they reach
 	$(RUN)/pytest -m "not slow" -n 2 --cov --cov-report=term-missing:skip-covered $(ARGS)
+
+lowest newest: ## the tests that are not slow with the lowest, or the newest, allowed versions, in a venv of their own
+	@test -x .venv-$@/bin/python || $(or $(PYTHON),python3) -m venv .venv-$@
+	@.venv-$@/bin/python -c "$$BOUNDS" $@ > .venv-$@/bounds.txt
+	.venv-$@/bin/python -m pip install -qq --upgrade --upgrade-strategy eager -c .venv-$@/bounds.txt -e '.[train,dev]'
+	.venv-$@/bin/python -m pytest -m "not slow" -W default -n 2 $(ARGS)
 
 bench: install ## measure speed against the alternatives
 	$(RUN)/python -m benchmarks $(ARGS)

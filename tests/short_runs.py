@@ -8,7 +8,7 @@ import torch
 from safetensors.torch import load_file
 
 from trainers.settings.learning import DQNSettings, PPOSettings
-from trainers.settings.schema import Settings, ValidationSettings
+from trainers.settings.schema import EvaluationSettings, Settings, ValidationSettings
 from trainers.training import loop as training
 from trainers.training import run as running
 from trainers.training import run_folder as runs
@@ -37,6 +37,8 @@ def short_settings(recipe="swarm", world=None, learning=None, validation=None, *
     """Settings of a run of six epochs of a few decisions."""
     base = {"swarm": SWARM, "paper": PAPER, "ppo": PPO}[recipe]
     values = {"epochs": 6, "hidden": [6, 6]} | base | (learning or {})
+    if "evaluation" in changes:
+        changes["evaluation"] = EvaluationSettings(**changes["evaluation"])
     defaults = {"recipe": recipe, "checkpoint_every": 2, "tensorboard": False, "compile": "never", "seed": 3}
     kind = PPOSettings if recipe == "ppo" else DQNSettings
     return Settings(

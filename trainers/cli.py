@@ -6,14 +6,12 @@ Heavy imports wait until they are needed.
 from __future__ import annotations
 
 import dataclasses
-import io
-import os
-import signal
+import errno
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +19,7 @@ import typer
 from typer.core import TyperGroup
 
 if TYPE_CHECKING:
+    from swarm.population.evaluation import Evaluation
     from trainers.settings.schema import Settings
     from trainers.training.loop import Training
     from trainers.training.run_folder import RunFolder
@@ -36,8 +35,9 @@ def errors_as_lines() -> Iterator[None]:
     except (Exception, KeyboardInterrupt) as error:
         if (line := line_of(error)) is None:
             raise
-        lines = "; ".join([line, *getattr(error, "__notes__", ())]).splitlines()
-        print("swarm:", *lines, file=sys.stderr)
+        from swarm._support.terminal import tell
+
+        tell(" ".join(["swarm:", *"; ".join([line, *getattr(error, "__notes__", ())]).splitlines()]))
         raise typer.Exit(2) from None
 
 
@@ -48,8 +48,8 @@ def line_of(error: BaseException) -> str | None:
     match error:
         case BrokenPipeError():  # nobody reads on
             return None
-        case OSError() if error.strerror and error.filename:
-            return f"{error.strerror}: {error.filename}"
+        case OSError() if error.strerror and (error.filename or error.errno == errno.ENOSPC):
+            return f"{error.strerror}: {error.filename or 'standard output'}"  # files are named
         case MemoryError():
             return "there was not enough memory"
         case KeyboardInterrupt():
@@ -67,7 +67,9 @@ class Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """As a group does."""
         with errors_as_lines():
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+            return result
 
 
 app = typer.Typer(
@@ -90,56 +92,65 @@ app = typer.Typer(
 )
 def train(context: typer.Context) -> None:
     """Train a policy."""
+    from swarm._support.terminal import Told
+    from trainers.settings.composition import settings_from
+
+    words, others = context.args, (*SEVERAL, RESUME)
+    if SHOW in words and not any(word.startswith(others) for word in words):
+        shown = settings_from([word for word in words if word != SHOW and not word.startswith(FOLDER)])
+        print(shown.as_yaml().rstrip())
+    else:
+        with redirect_stdout(Told(sys.stdout)):
+            _train(words)
+
+
+def _train(given: Sequence[str]) -> None:
     from trainers.jobs.sweep import sweep
     from trainers.settings.composition import settings_from
 
-    words = [word for word in context.args if word not in SEVERAL]
-    if len(words) < len(context.args):
+    words = [word for word in given if word not in SEVERAL]
+    if len(words) < len(given):
         return sweep(words)
     resumed = [word.removeprefix(RESUME) for word in words if word.startswith(RESUME)]
     folders = [word.removeprefix(FOLDER) for word in words if word.startswith(FOLDER)]
-    plain = [word for word in words if word != SHOW and not word.startswith((RESUME, FOLDER))]
+    plain = [word for word in words if not word.startswith((RESUME, FOLDER))]
     if resumed:
         if plain or folders or len(resumed) > 1:
-            rule = "resume goes on with the settings stored in the run, nothing else may be given"
-            raise ValueError(f"{rule}, got {' '.join(words)}")
+            rule = "resume goes on with the settings stored in the run, nothing else may be given, got"
+            raise ValueError(f"{rule} {' '.join(words)}")
         return resume(Path(resumed[0]))
-    settings = settings_from(plain)
-    if SHOW in words:
-        print(settings.as_yaml().rstrip())
-        return None
-    return begin(settings, Path(folders[-1]) if folders else None)
+    return begin(settings_from(plain), Path(folders[-1]) if folders else None)
 
 
 def begin(settings: Settings, folder: Path | None = None) -> None:
     """Train in a new folder."""
-    from swarm._support.files import check_new_folder
-    from trainers.training.run_folder import default_folder
+    from trainers.training import run as running
 
-    folder = check_new_folder(folder or default_folder(settings))
+    training, run = running.begin(folder, settings)
     print(settings.as_yaml().rstrip(), flush=True)
-    _complete(folder, settings)
+    _complete(training, run)
 
 
 def resume(folder: Path) -> None:
     """Go on with a run."""
     from trainers.settings.composition import settings_from_stored
+    from trainers.training import run as running
     from trainers.training.run_folder import RunFolder
 
     run, stored = RunFolder.open(folder)
-    settings = settings_from_stored(stored, folder)
+    settings = settings_from_stored(stored, run.path)
     if run.finished:
         print(f"{folder} is finished after {settings.learning.epochs} epochs; nothing is left to learn")
-        return _test_after(settings, run)
-    return _complete(folder)
+        _print_test(running.test(settings, run))
+    else:
+        _complete(*running.resume(folder))
 
 
-def _complete(folder: Path, settings: Settings | None = None) -> None:
-    """Train to the end, from the beginning with the settings of a new run, and test the kept policy."""
+def _complete(training: Training, run: RunFolder) -> None:
+    """Train to the end, and test the kept policy where that is wanted."""
     from swarm._support.terminal import Progress
     from trainers.training import run as running
 
-    training, run = running.resume(folder) if settings is None else running.begin(folder, settings)
     epochs, started = training.settings.learning.epochs, time.perf_counter()
     with Progress("training", epochs) as bar:
 
@@ -149,16 +160,19 @@ def _complete(folder: Path, settings: Settings | None = None) -> None:
             if training.epoch == epochs:
                 bar.say(text)
 
-        running.complete(training, run, report=report)
+        tested = running.complete(training, run, report=report)
     print(f"trained in {time.perf_counter() - started:.1f} s; policy, metrics and figure are in {run.path}")
-    _test_after(training.settings, run)
+    _print_test(tested)
 
 
-def _test_after(settings: Settings, run: RunFolder) -> None:
-    """Test the kept policy where that is wanted and was not done."""
-    folder, test = run.path / "evaluation", settings.evaluation
-    if settings.evaluate and not folder.exists():
-        evaluate(str(run.path), cells=test.cells, life=test.life, seed=test.seed, out=folder)
+def _print_test(tested: Evaluation | None) -> None:
+    from swarm._support.terminal import print_table
+
+    if tested is None:
+        return
+    limit = tested.summary["limit"]
+    print_table(tested.table.headings, tested.table.texts)
+    print("limit:", "none is known" if limit is None else f"{limit:.2f}, which no policy can exceed")
 
 
 POLICY = "A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal"
@@ -202,16 +216,16 @@ def evaluate(
     if len(levels) > 1:
         with Progress("levels of noise", len(levels)) as bar:
             found = noise_sweeps.sweep_noise(policy, world, levels, kind=kind, progress=bar.show, **options)
+        if out is not None:
+            save_noise_sweep(found, out)
         print_table(found.table.headings, found.table.texts)
     else:
         (world,) = noise_sweeps.check_levels(levels, kind, world) if levels else [world]
         tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
-        print_table(tested.table.headings, tested.table.texts)
-        limit = tested.summary["limit"]
-        said = "none is known for this world" if limit is None else f"{limit:.2f}, which no policy can exceed"
-        print(f"limit: {said}")
+        if out is not None:
+            save_evaluation(tested, out)
+        _print_test(tested)
     if out is not None:
-        save_noise_sweep(found, out) if len(levels) > 1 else save_evaluation(tested, out)
         print(f"results and figures are in {out}")
 
 
@@ -287,6 +301,7 @@ def reproduce(
     ship: Annotated[bool, typer.Option("--ship", help="Replace the shipped policies by the best.")] = False,
 ) -> None:
     """Reproduce every figure and table of the paper, with a verdict on each of its claims."""
+    from swarm._support import files
     from swarm._support.checks import check_count
     from trainers.paper import reproduction
     from trainers.paper.plan import Plan
@@ -294,7 +309,8 @@ def reproduce(
     plan = Plan(quick=quick, n_seeds=check_count("--seeds", seeds))
     if jobs is not None:
         plan = dataclasses.replace(plan, workers=check_count("--jobs", jobs))
-    claims = reproduction.reproduce(plan, out, publish, ship=ship)
+    publish = publish and files.expanded(publish)
+    claims = reproduction.reproduce(plan, files.expanded(out), publish, ship=ship)
     verdicts = Counter(claim.verdict for claim in claims)
     print(f"{len(claims)} claims: " + ", ".join(f"{count} {name}" for name, count in verdicts.most_common()))
     print(f"the report is {out / 'report.md'}")
@@ -312,16 +328,3 @@ def check() -> None:
     print_table(["check", "result", "detail"], rows)
     if any(each.passed is False for each in found):
         raise typer.Exit(1)
-
-
-def main() -> None:
-    """Run the command line."""
-    if isinstance(sys.stdout, io.TextIOWrapper):  # a name that the terminal's encoding lacks is no bug
-        sys.stdout.reconfigure(errors="backslashreplace")
-    try:
-        os.getcwd()
-    except FileNotFoundError:
-        print("swarm: the current folder must be there, but was removed: change to another", file=sys.stderr)
-        raise SystemExit(2) from None
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it is like Ctrl-C
-    app()

@@ -8,6 +8,7 @@ import functools
 import math
 import numbers
 import operator
+import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -52,6 +53,18 @@ def check_count(name: str, value: Any, *, at_least: int = 1) -> int:
     if number > sys.maxsize:
         raise ValueError(f"{name} must be at most {sys.maxsize}, got {number}")
     return number
+
+
+def check_memory(needed: float, rule: str) -> None:
+    """Raises ValueError where this machine has less memory [bytes] than needed; `rule` says what helps."""
+    try:
+        there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # the operating system does not tell
+        return
+    if needed > there:
+        raise ValueError(
+            f"{rule}: {needed / 2**30:.3g} GiB of memory are needed, this machine has {there / 2**30:.3g}"
+        )
 
 
 def check_flag(name: str, value: Any) -> bool:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import operator
-import sys
 import types
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -177,10 +176,9 @@ def compiled(function: Callable[..., Any], *first: Any) -> Callable[..., Any]:
             chosen.append(fast)
         except Exception as error:  # no compiler, no headers, an unsupported platform: all end here
             reason = (str(error).splitlines() or [""])[0][:120]
-            print(
-                f"torch.compile does not work here, going on without: {type(error).__name__}: {reason}",
-                file=sys.stderr,
-            )
+            from swarm._support.terminal import tell
+
+            tell(f"torch.compile does not work here, going on without: {type(error).__name__}: {reason}")
             chosen.append(function)
         return result
 

@@ -2,18 +2,36 @@
 
 from __future__ import annotations
 
+import errno
+import itertools
 import os
 import shutil
 import stat
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+
+def expanded(path: str | os.PathLike) -> Path:
+    """The path, whose first part may be `~`, the user's home, as it is in a shell.
+
+    Raises ValueError for a name that is no text, as with Latin-1's bytes, or any ü where the locale has none.
+    """
+    try:
+        os.fspath(path).encode()
+    except UnicodeEncodeError:
+        rule = "must be a path in UTF-8, in a locale that knows it (LC_ALL=C.UTF-8)"
+        raise ValueError(f"{os.fspath(path)!a} {rule}") from None
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        raise ValueError(f"the home folder of {path} must be known, but is not") from None
 
 
 def check_ordinary(path: str | os.PathLike, *, at_most: int) -> int:
     """The bytes of a file; raises ValueError unless it is an ordinary one that has at most so many."""
-    about = os.stat(path)
+    about = os.stat(expanded(path))
     if not stat.S_ISREG(about.st_mode):
         raise ValueError(f"{path} must be an ordinary file")
     if about.st_size > at_most:
@@ -24,7 +42,7 @@ def check_ordinary(path: str | os.PathLike, *, at_most: int) -> int:
 def read_bytes(path: str | os.PathLike, *, at_most: int) -> bytes:
     """The content of an ordinary file; raises ValueError for anything else and for more bytes than that."""
     size = check_ordinary(path, at_most=at_most)
-    with open(path, "rb") as file:
+    with open(expanded(path), "rb") as file:
         data = file.read(size + 1)  # not more: so much is set aside at once
     if len(data) > size:
         raise ValueError(f"{path} must have at most {at_most} bytes, got {len(data)} or more")
@@ -32,27 +50,32 @@ def read_bytes(path: str | os.PathLike, *, at_most: int) -> bytes:
 
 
 @contextmanager
-def naming(path: str | os.PathLike) -> Iterator[None]:
-    """Within, an OSError that names no file, as a full disk's does, names this one."""
+def naming(path: str | os.PathLike, temporary: Path | None = None) -> Iterator[None]:
+    """Within, an OSError names this path where it names none, as a full disk's does, or the temporary one."""
     try:
         yield
     except OSError as error:
-        if error.filename is None and error.errno is not None:
-            error.filename = os.fspath(path)
+        target, hidden = Path(path), "\0" if temporary is None else temporary.name
+        if error.strerror:
+            error.filename = str(error.filename or target).replace(hidden, target.name)
+            if error.filename2 is not None:
+                del error.filename2
+        else:  # of libraries that put all they say into one text
+            error.args = tuple(str(each).replace(hidden, target.name) for each in error.args)
         raise
 
 
 @contextmanager
 def replacing(path: str | os.PathLike) -> Iterator[Path]:
     """A temporary path to write to; at the end it takes the place of `path`, after an error it is removed."""
-    target = Path(path)
+    target = expanded(path)
     temporary = _sibling(target)
     try:
-        with naming(target):
+        with naming(target, temporary):
             yield temporary
-        _flush(temporary)
-        os.replace(temporary, target)
-        _flush(target.parent)
+            _flush(temporary)
+            os.replace(temporary, target)
+            _flush(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -70,7 +93,7 @@ def write_text(path: str | os.PathLike, text: str) -> None:
 
 def check_new_folder(path: str | os.PathLike) -> Path:
     """Return `path`; raises FileExistsError unless there is nothing yet, or an empty folder."""
-    folder = Path(path)
+    folder = expanded(path)
     if folder.is_dir() and not any(folder.iterdir()):
         return folder
     if folder.exists() or folder.is_symlink():
@@ -78,6 +101,20 @@ def check_new_folder(path: str | os.PathLike) -> Path:
             f"{folder} must be a new or an empty folder: what is there is never overwritten"
         )
     return folder
+
+
+def reserved(path: str | os.PathLike) -> Path:
+    """A new empty folder: `path`, or where that is taken the first of `path`-2, `path`-3, …
+
+    However many processes ask for it at once, each gets one of its own. Parents are made.
+    """
+    wanted = expanded(path)
+    wanted.parent.mkdir(parents=True, exist_ok=True)
+    for name in itertools.chain([wanted.name], (f"{wanted.name}-{count}" for count in itertools.count(2))):
+        with suppress(FileExistsError):
+            wanted.with_name(name).mkdir()
+            return wanted.with_name(name)
+    raise AssertionError
 
 
 @contextmanager
@@ -93,13 +130,17 @@ def new_folder(path: str | os.PathLike) -> Iterator[Path]:
     temporary = _sibling(target)
     temporary.mkdir()
     try:
-        with naming(target):
+        with naming(target, temporary):
             yield temporary
-        for file in temporary.rglob("*"):
-            _flush(file)
-        _flush(temporary)
-        os.replace(temporary, target)
-        _flush(target.parent)
+            for file in temporary.rglob("*"):
+                _flush(file)
+            _flush(temporary)
+            os.replace(temporary, target)
+            _flush(target.parent)
+    except OSError as error:
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # another process was faster
+            check_new_folder(target)
+        raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

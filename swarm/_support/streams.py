@@ -32,7 +32,9 @@ _PURPOSES = {name: number for number, name in enumerate(get_args(Purpose))}
 
 
 def check_seed(seed: int) -> int:
-    """Return `seed` as a Python int; raises TypeError or ValueError unless it is a whole number >= 0."""
+    """Return `seed` as a Python int; raises TypeError or ValueError unless it is whole and in [0, 2**64), so
+    that results can store it.
+    """
     try:
         number = operator.index(seed)
     except TypeError:
@@ -41,6 +43,8 @@ def check_seed(seed: int) -> int:
         raise TypeError(f"seed must be a whole number, got {seed!r}")
     if number < 0:
         raise ValueError(f"seed must not be negative, got {number}")
+    if number >= 2**64:
+        raise ValueError(f"seed must be below 2**64, got {number}")
     return number
 
 

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 NOTHING = "–"  # where there is no number
+FORMULA = ("=", "+", "-", "@", "\t", "\r")  # what spreadsheets take for one
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Table:
     def as_csv(self, digits: int | None = None) -> str:
         """Comma-separated, all digits of a number or so many; nothing where there is none, flags as 0 and 1.
 
-        Empty where there are no headings.
+        Text that a spreadsheet would compute gets a ' in front. Empty where there are no headings.
         """
         buffer = io.StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
@@ -59,9 +60,19 @@ def _stored(value: Any, digits: int | None) -> Any:
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, bool):
         return int(value)
+    if isinstance(value, str) and value.startswith(FORMULA) and not _is_number(value):
+        return f"'{value}"
     if value is None or value != value:  # not a number
         return ""
     return f"{value:.{digits}g}" if digits and isinstance(value, float) else value
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def span(interval: Sequence[float] | None, form: str = ".2f") -> str | None:

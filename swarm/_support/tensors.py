@@ -35,6 +35,7 @@ def read(
     """
     from safetensors import SafetensorError, safe_open
 
+    path = files.expanded(path)
     files.check_ordinary(path, at_most=at_most)
     try:
         with safe_open(path, "np") as file:

@@ -114,12 +114,14 @@ class Arena:
         self.decision = self.decision + 1
         return outcome
 
-    def restart(self, cells: np.ndarray) -> np.ndarray:
-        """Begin the next life of the chosen `cells` (a mask); returns the observations of all."""
+    def restart(self, cells: np.ndarray, options: dict[str, Any] | None = None) -> np.ndarray:
+        """Begin the next life of the chosen `cells` (a mask), at their poses in the options where there are
+        any, as in `reset`; returns the observations of all.
+        """
         episode = self.episode + cells
         state, action = self.state, self.action
         for number in np.unique(episode[cells]):
-            begun, past = self._begun(int(number))
+            begun, past = self._begun(int(number), options or {})
             mask = cells & (episode == number)
             medium = begun.medium if cells.all() else state.medium  # the others' goes on
             merge = functools.partial(where_chosen, mask)
@@ -138,15 +140,19 @@ class Arena:
     def _starts(self, seed: int, episode: int) -> Starts:
         return draw_starts(self.world, self.n_swimmers, seed, population=POPULATION, episode=episode)
 
-    def _begun(self, episode: int) -> tuple[State, np.ndarray]:
+    def _begun(self, episode: int, options: dict[str, Any]) -> tuple[State, np.ndarray]:
         """State and last action of all cells at the beginning of an episode."""
-        if episode not in self._fresh:
+        given = any(options.get(name) is not None for name in ("position", "heading"))
+        if given or episode not in self._fresh:
             assert self.seed is not None
             starts = self._starts(self.seed, episode)
-            position, heading = starts.position.astype(self.dtype), starts.heading.astype(self.dtype)
+            position = self._option(options, "position", starts.position)
+            heading = self._option(options, "heading", starts.heading)
             further = self._factors(starts), self._record_noise(self.seed, episode)
-            begun = self.world.start(position, heading, starts.past, *further)
-            self._fresh[episode] = begun, starts.past[:, 0]
+            begun = self.world.start(position, heading, starts.past, *further), starts.past[:, 0]
+            if given:
+                return begun
+            self._fresh[episode] = begun
         return self._fresh[episode]
 
     def _record_noise(self, seed: int, episode: int) -> np.ndarray | None:

@@ -70,16 +70,17 @@ class SpermSwarmVector(Watched, VectorEnv):
 
         `seed` begins a stream of episodes; without it the next episode of the stream begins.
         `options["position"]` (cells, 2) [length] and `options["heading"]` (cells,) [rad] set poses; with
-        `options["reset_mask"]` (cells,) bool only those cells begin their next life. Others are ignored.
+        `options["reset_mask"]` (cells,) bool only those cells begin their next life, at their rows of the
+        poses. Others are ignored.
         """
         cells = self._reset_mask(seed, options)
         if cells is None:
             observation = self.arena.reset(seed, options)
             self._done = np.zeros(self.num_envs, bool)
         else:
-            observation = self.arena.restart(cells)
+            observation = self.arena.restart(cells, options)
             self._done = self._begun() & ~cells
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else self.arena.seed)
         self._follow()
         return observation, self._info()
 

@@ -103,20 +103,34 @@ class SpermSwarm(Watched, ParallelEnv):
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         self._live: np.ndarray | None = None  # rows of `agents`; None while nobody has finished
         self._cycle: int | None = None  # decisions since reset; None before the first
-        bounds = world.observation_bounds
-        self._observation_spaces = {
-            agent: Box(-bounds, bounds, dtype=np.float32) for agent in self.possible_agents
-        }
-        self._action_spaces = {agent: Discrete(world.n_actions) for agent in self.possible_agents}
+        self._observation_spaces: dict[str, Box] = {}  # of the agents that were asked for
+        self._action_spaces: dict[str, Discrete] = {}
         self.state_space = self._make_state_space()
 
     def observation_space(self, agent: str) -> Box:
         """Box (N_T · features,) float32 whose finite bounds hold."""
+        if agent not in self._observation_spaces:
+            self._index[agent]  # raises
+            bounds = self.world.observation_bounds
+            self._observation_spaces[agent] = Box(-bounds, bounds, dtype=np.float32)
         return self._observation_spaces[agent]
 
     def action_space(self, agent: str) -> Discrete:
         """Discrete(m)."""
+        if agent not in self._action_spaces:
+            self._index[agent]  # raises
+            self._action_spaces[agent] = Discrete(self.world.n_actions)
         return self._action_spaces[agent]
+
+    @functools.cached_property
+    def observation_spaces(self) -> dict[str, Box]:
+        """Every agent's observation space; made when they are asked for."""
+        return {agent: self.observation_space(agent) for agent in self.possible_agents}
+
+    @functools.cached_property
+    def action_spaces(self) -> dict[str, Discrete]:
+        """Every agent's action space; made when they are asked for."""
+        return {agent: self.action_space(agent) for agent in self.possible_agents}
 
     # --- episodes ---
 

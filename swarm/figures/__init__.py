@@ -3,6 +3,7 @@
 Every function of a figure takes results and returns a matplotlib Figure; `save` writes it.
 """
 
+import swarm.figures.backend  # noqa: F401, first of all that loads Matplotlib
 from swarm.figures.life import comparison, path_of
 from swarm.figures.populations import (
     Curve,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
+from typing import Any
 
 from swarm import figures
 from swarm._support import files
 from swarm._support.tables import Table
+from swarm._support.terminal import dispensable
 from swarm.population.evaluation import Evaluation
 from swarm.population.noise import KINDS, NoiseSweep, records
 from swarm.population.results import RIVAL, save_population
@@ -22,18 +25,19 @@ def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
     results, world = found.results, found.world
     contenders = list(dict.fromkeys([found.label, RIVAL]))
     text = json.dumps(found.summary, indent=2, allow_nan=False, ensure_ascii=False)
-    drawn = {
-        "gains": figures.gains(results, policies=contenders),
-        "centerlines": figures.centrelines(results, world, policies=contenders, cells=40),
-        "comparison": figures.comparison(results, world),
+    drawn: dict[str, Callable[[], Any]] = {
+        "gains": lambda: figures.gains(results, policies=contenders),
+        "centerlines": lambda: figures.centrelines(results, world, policies=contenders, cells=40),
+        "comparison": lambda: figures.comparison(results, world),
     }
     if world.egg is not None:
-        drawn["radial"] = figures.radial(results, world, policy=found.label)
+        drawn["radial"] = lambda: figures.radial(results, world, policy=found.label)
     with files.new_folder(out) as folder:
         save_population(results, folder / "population.nc")
         (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-        for name, figure in drawn.items():
-            figures.save(figure, folder / f"{name}.png")
+        for name, draw in drawn.items():
+            with dispensable(f"{name}.png"):
+                figures.save(draw(), folder / f"{name}.png")
 
 
 def save_noise_sweep(found: NoiseSweep, out: str | os.PathLike) -> None:
@@ -41,8 +45,9 @@ def save_noise_sweep(found: NoiseSweep, out: str | os.PathLike) -> None:
     levels = found.results["noise"].values.tolist()
     (kind,) = (kind for kind in KINDS.values() if kind.parameter == found.results.attrs["kind"])
     units = kind.units.replace("^2", "²").replace("/", " / ")
-    figure = figures.noise_sweep(levels, found.tests, label=f"{kind.label} [{units}]")
     with files.new_folder(out) as folder:
         found.results.to_netcdf(folder / "noise.nc", engine="h5netcdf")
         (folder / "noise.csv").write_text(Table.of(records(found.results)).as_csv(), encoding="utf-8")
-        figures.save(figure, folder / "noise.png")
+        with dispensable("noise.png"):
+            figure = figures.noise_sweep(levels, found.tests, label=f"{kind.label} [{units}]")
+            figures.save(figure, folder / "noise.png")

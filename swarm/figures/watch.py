@@ -25,6 +25,7 @@ POPULATION = ".nc"
 
 def check_target(out: Path | None, size: int | None = None) -> None:
     """Raises ValueError or an OSError unless a film or a page can be written there, in this size."""
+    out = None if out is None else files.expanded(out)
     suffix = "" if out is None else out.suffix.lower()
     if size is not None and suffix not in FORMS:
         raise ValueError(f"size must come with a film, --out FILE with {', '.join(FORMS)}, got {size}")

@@ -12,7 +12,6 @@ import dataclasses
 import hashlib
 import json
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -110,7 +109,9 @@ def _digest(arrays: dict[str, np.ndarray]) -> str:
 
 
 def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
+    from swarm._support.terminal import tell
+
+    tell(line)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from swarm._support import tensors
+from swarm._support import files, tensors
 from swarm._support.arrays import namespace
 from swarm._support.checks import check_name
 from swarm.physics import perception
@@ -170,7 +170,7 @@ def load_policy(name: str | os.PathLike) -> Network:
     """
     if isinstance(name, str) and name.startswith(ZOO):
         return _load_from_zoo(name.removeprefix(ZOO))
-    path = Path(name)
+    path = files.expanded(name)
     if path.is_dir():
         path = path / POLICY_FILE
     return _read(path, str(path))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarm._support import provenance, streams
-from swarm._support.checks import check_count, check_flag
+from swarm._support.checks import check_count, check_flag, check_memory
 from swarm.optimal import physical_limit
 from swarm.physics.motion.arc import centre_of_curvature
 from swarm.physics.starts import Starts, draw_starts
@@ -48,6 +48,8 @@ def population_test(
     seed = streams.check_seed(seed)
     check_flag("record", record)
     world = world.replace(life=life)
+    needed = memory_needed(world, cells, len(policies) if record else 0)
+    check_memory(needed, f"cells must be fewer, or life shorter, got {cells} and {life:g}")
     starts = draw_starts(world, cells, seed, population=population, episode=episode)
     lived = {
         name: lives(
@@ -68,6 +70,14 @@ def population_test(
     if bound is not None:
         attributes["limit"] = bound
     return as_dataset(starts, lived, attributes)
+
+
+def memory_needed(world: World, cells: int, recorded: int = 3) -> float:
+    """Bytes that a test works with, roughly, and rather too few than too many; the lives under so many
+    policies are recorded.
+    """
+    numbers = sum(2 ** len(along) * np.dtype(dtype).itemsize for along, dtype, *_ in SERIES.values())
+    return cells * (16.0 * world.observation_size + recorded * (world.max_decisions + 1) * numbers)
 
 
 def _with_rival(policies: Mapping[str, AnyPolicy]) -> dict[str, AnyPolicy]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from swarm._support import provenance
+from swarm._support import files, provenance
 from swarm._support.tables import Table, percent, span
 from swarm.optimal.physical_limit import Optimal
 from swarm.physics.world import World
@@ -50,7 +49,7 @@ def named_policy(name: str | os.PathLike, world: World) -> AnyPolicy:
     """
     if name in STRATEGIES:
         return STRATEGIES[name](world)
-    if isinstance(name, str) and not name.startswith(ZOO) and not Path(name).exists():
+    if isinstance(name, str) and not name.startswith(ZOO) and not files.expanded(name).exists():
         near = difflib.get_close_matches(name, STRATEGIES, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise PolicyError(

@@ -137,8 +137,9 @@ def load_population(path: str | os.PathLike) -> xr.Dataset:
     """
     import xarray as xr
 
+    path = files.expanded(path)
     try:
-        _check_header(Path(path), files.check_ordinary(path, at_most=MAX_FILE))
+        _check_header(path, files.check_ordinary(path, at_most=MAX_FILE))
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
             results = opened.load()
         _check_results(results)

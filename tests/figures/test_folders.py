@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
@@ -56,7 +57,7 @@ def test_the_folder_of_a_sweep_holds_table_results_and_figure_with_their_origin(
         ["curvature_noise", level, name] for level in (0.0, 0.1) for name in ("dqn", "greedy")
     ]
     for column in COLUMNS:
-        assert rows[column].tolist() == done.results[column].values.ravel().tolist()
+        np.testing.assert_allclose(rows[column], done.results[column].values.ravel(), rtol=1e-14)
     assert rows[["cells", "life", "seed"]].drop_duplicates().values.tolist() == [[3, 6, 2]]
 
 

@@ -255,6 +255,13 @@ def test_a_mapping_describes_a_medium():
 CELLS = {"start_box": ((1, 9), (1, 7)), "interval": 0.38, "speed": 1.0, "curvature": 5.0}
 GOOD = {"box": BOX, "shape": (128, 128)}
 CARRIED = {"carried": True, "box": ((0, 8), (0, 8))}
+
+
+def named(value):
+    """A name that is the same in every process."""
+    return str(value).partition(" at 0x")[0][:60]
+
+
 UNFIT = [
     ({"box": ((0, 8), (0, 8))}, {}, "box must contain the start box"),
     ({"leaving": "follow"}, {}, "box must be at least twice as wide as the start box"),
@@ -271,7 +278,9 @@ UNFIT = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "parts", "message"), UNFIT, ids=lambda value: str(value)[:60])
+@pytest.mark.parametrize(
+    ("kind", "parts", "message"), UNFIT, ids=lambda value: str(value).partition(" at 0x")[0][:60]
+)
 def test_a_medium_that_does_not_suit_its_world_is_refused(kind, parts, message):
     parts = {"field": LinearField(), "flow": StillWater(), **CELLS, **parts}
     with np.errstate(all="ignore"), pytest.raises(ValueError, match="medium") as error:
@@ -292,7 +301,9 @@ EDGES = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "field", "flow", "message"), EDGES, ids=lambda value: str(value)[:40])
+@pytest.mark.parametrize(
+    ("kind", "field", "flow", "message"), EDGES, ids=lambda value: str(value).partition(" at 0x")[0][:40]
+)
 def test_what_meets_itself_at_the_edges_is_warned_of(kind, field, flow, message):
     medium = Medium(**{**GOOD, **CARRIED, **kind})
     with warnings.catch_warnings(record=True) as found:

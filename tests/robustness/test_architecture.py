@@ -91,7 +91,7 @@ def test_every_package_that_is_imported_is_declared():
         for name in {name.split(".")[0] for name in imports_of(path)}:
             if name in sys.stdlib_module_names or name in PACKAGES:
                 continue
-            names = {distribution.lower() for distribution in known.get(name, [name])}
+            names = {each.lower().replace("_", "-") for each in known.get(name, [name])}
             assert names & declared, f"{path.name} imports {name}, which pyproject.toml does not ask for"
 
 

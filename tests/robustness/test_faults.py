@@ -380,9 +380,54 @@ def test_a_second_process_on_the_same_run_is_refused(monkeypatch, capsys):
     broken_after(monkeypatch, 3)
     with open("run/.lock", "a") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        assert "run is being trained by another process" in message(capsys, resume)
+        assert "run is being worked on by another process" in message(capsys, resume)
     resume()
     assert runs.RunFolder(Path("run")).finished
+
+
+def test_a_run_has_one_owner_until_it_is_whole(monkeypatch, capsys):
+    tried = []
+
+    def testing(*_, **__):
+        tried.append(message(capsys, cli.resume, Path("run")))
+        raise KeyboardInterrupt
+
+    settings = short_settings(evaluate=True, evaluation={"cells": 2, "life": 2.0})
+    with monkeypatch.context() as patch:
+        patch.setattr(running, "evaluate", testing)
+        patch.setattr(running, "draw", testing)
+        message(capsys, begin, "run", settings)  # stopped while it draws
+        patch.setattr(running, "draw", lambda made, run: None)
+        message(capsys, resume)  # stopped while it tests
+    assert ["being worked on by another process" in said for said in tried] == [True, True]
+    run = runs.RunFolder(Path("run"))
+    assert run.finished
+    for name in (".evaluation.0123456789ab", ".seeds.abcdefabcdef"):  # of owners that were killed
+        (run.path / name / "figures").mkdir(parents=True)
+    resume()
+    assert (run.path / "evaluation/summary.json").is_file()
+    assert not [path for path in run.path.iterdir() if path.is_dir() and path.name.startswith(".")]
+
+
+@pytest.mark.parametrize("error", [ValueError("tex\nfailed"), RuntimeError(), OSError(28, "No space left")])
+def test_a_figure_that_fails_costs_no_policy(monkeypatch, capsys, error):
+    def fail(made, run):
+        raise error
+
+    monkeypatch.setattr(running, "draw", fail)
+    begin()
+    said = [line for line in capsys.readouterr().err.splitlines() if "could not be drawn" in line]
+    assert len(said) == 1
+    assert said[0].startswith("run/training.png could not be drawn: ")
+    assert runs.RunFolder(Path("run")).finished
+
+
+@pytest.mark.parametrize("now", [0.0, 1e9])
+def test_a_clock_that_stands_stops_nothing(monkeypatch, now):
+    monkeypatch.setattr(running.time, "perf_counter", lambda: now)
+    begin()
+    run = runs.RunFolder(Path("run"))
+    assert {row["decisions_per_second"] for row in run.rows(runs.TIMINGS)} == {""}
 
 
 def test_a_file_system_without_locks_is_no_hindrance(monkeypatch):
@@ -397,8 +442,10 @@ def test_a_file_system_without_locks_is_no_hindrance(monkeypatch):
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"learning": {"buffer_size": 10**12}}, "GiB of memory, this machine has"),
+        ({"learning": {"buffer_size": 10**12}}, "GiB of memory are needed, this machine has"),
         ({"n_seeds": 10**15}, "GiB of memory"),
+        ({"evaluate": True, "evaluation": {"cells": 10**9}}, "evaluation.cells must be fewer"),
+        ({"evaluate": True, "evaluation": {"life": 2e7}}, "evaluation.life shorter, got 40 and 2e+07"),
         ({"device": "cuda:99"}, "device must be one that torch finds here, got 'cuda:99'"),
     ],
 )

@@ -30,7 +30,7 @@ def test_neighbouring_cells_are_not_correlated():
 
 
 def test_seeds_are_whole_numbers_that_are_not_negative():
-    for seed in (0, np.int64(3), 2**100):
+    for seed in (0, np.int64(3), np.uint8(200), np.uint64(2**64 - 1)):
         assert type(check_seed(seed)) is int
         generator("test", "start", seed)
     for seed in (1.0, "1", None, True, [1]):
@@ -38,3 +38,6 @@ def test_seeds_are_whole_numbers_that_are_not_negative():
             check_seed(seed)
     with pytest.raises(ValueError, match="seed must not be negative, got -1"):
         check_seed(-1)
+    for seed in (2**64, 2**64 + 1, 10**30):
+        with pytest.raises(ValueError, match=r"seed must be below 2\*\*64, got"):
+            check_seed(seed)

@@ -1,6 +1,7 @@
 """Runs side by side: which are one group, and what it is called."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import yaml
 
 from swarm.policies.policy_file import PolicyError
 from swarm.population.statistics import mean_interval
+from trainers.jobs import comparison
 from trainers.jobs.comparison import Contender, Group, compare, grouped
 from trainers.settings.composition import settings_from
 
@@ -44,6 +46,35 @@ def test_the_interval_of_a_group_is_over_its_seeds_and_the_cells_they_share():
 
 def test_runs_that_differ_in_the_seed_alone_are_one_group():
     assert groups("seed=0", "seed=1") == {"linear_n4 swarm dqn": [0, 1]}
+
+
+@pytest.mark.parametrize(
+    ("runs", "seeds"),
+    [
+        (["seed=0", "seed=0"], [0]),
+        (["world.life=80", "seed=1 world.life=80.0", "world.life=80.0"], [0, 1]),
+        (["world.field=linear", "world.field={type:linear}"], [0]),
+        (["world.flow={type:vortex,core:3}", "world.flow={core:3.0,type:vortex}"], [0]),
+    ],
+)
+def test_one_training_counts_once_by_value(runs, seeds):
+    assert list(groups(*runs).values()) == [seeds]
+
+
+def test_a_run_that_is_named_twice_is_tested_once(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    tested = []
+    monkeypatch.setattr(comparison, "_tested", lambda folder, *_: tested.append(folder) or [contender()])
+    for name in ("a", "b"):
+        folder = Path(name)
+        folder.mkdir()
+        (folder / "settings.yaml").touch()
+        (folder / "run.json").write_text('{"finished": true}')
+        (folder / "policy.safetensors").touch()
+    Path("link").symlink_to("a")
+    (group,) = compare([Path(each) for each in ("a", "./a", "link", "b/../a", "b", str(tmp_path / "b"))])
+    assert tested == [Path("a"), Path("b")]
+    assert len(group.members) == 1
 
 
 def test_the_names_of_experiment_and_recipe_stand_for_what_comes_with_them():

@@ -27,12 +27,10 @@ def test_a_new_run_holds_its_settings_and_where_it_comes_from(tmp_path):
 
 
 def test_default_names_say_what_runs_and_are_never_taken(tmp_path):
-    first = default_folder(SETTINGS, tmp_path)
+    first, second = (default_folder(SETTINGS, tmp_path) for _ in range(2))
     assert first.name.startswith("linear_n2-swarm-seed7-")
-    first.mkdir()
-    second = default_folder(SETTINGS, tmp_path)
-    assert not second.exists()
     assert second != first
+    assert default_folder(dataclasses.replace(SETTINGS, experiment="../own"), tmp_path).parent == tmp_path
 
 
 def test_a_run_is_finished_when_it_says_so_and_has_a_policy(tmp_path):
@@ -103,10 +101,10 @@ def test_a_lock_ends_with_its_process_however_it_ends(tmp_path):
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as other:
         assert other.stdout.readline() == b"locked\n"
-        with pytest.raises(RunError, match="another process"), run.locked():
+        with pytest.raises(RunError, match="another process"), run.owned():
             pass
         other.kill()
-    with run.locked():
+    with run.owned():
         pass
 
 

@@ -1,6 +1,8 @@
 """Sweeps: every combination is run once, whatever happens to the others."""
 
 import os
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -63,6 +65,40 @@ def test_every_combination_becomes_a_run_named_by_what_is_swept(capsys):
         files = {runs.SETTINGS, runs.PROVENANCE, runs.METRICS, runs.TIMINGS, runs.CHECKPOINTS, runs.POLICY}
         assert {path.name for path in folder.iterdir()} <= files | {".lock"}
     assert "all 4 runs are in sweep" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["world.life=80,80.0"],
+        ["world.field=linear,{type: linear}"],
+        ["learning.learning_rate=0.01,1e-2", "seed=0,1"],
+        ["seed=0,2", "n_seeds=1,3"],
+    ],
+)
+def test_the_same_training_twice_is_refused(capsys, words):
+    assert "combinations must differ, got " in fails(capsys, [*words, "hydra.sweep.dir=sweep"])
+    assert not Path("sweep").exists()
+
+
+@pytest.mark.parametrize("name", ["sw A", '"q"', "~/s w", "a=b,c"])
+def test_the_folder_of_a_sweep_is_one_literal_path(monkeypatch, tmp_path, capsys, name):
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    sweep(["seed=0,1", SERIAL, *WORDS[:-1], f"hydra.sweep.dir={name}", "learning.epochs=1"])
+    folder = Path(name).expanduser()
+    assert {path.name for path in folder.iterdir()} == {"seed=0", "seed=1"}
+    assert f"swarm compare {shlex.quote(str(folder))}/*" in capsys.readouterr().out
+
+
+def test_a_sweep_tests_its_runs_where_that_is_wanted():
+    words = [*WORDS, "evaluate=true", "evaluation.life=2", "evaluation.cells=2", "learning.epochs=1", SERIAL]
+    sweep(["seed=0,1", *words])
+    first = Path("sweep/seed=0/evaluation/summary.json")
+    before = first.read_bytes()
+    shutil.rmtree(first.parent)
+    sweep(["seed=0,1", *words])
+    assert first.read_bytes() == before
+    assert Path("sweep/seed=1/evaluation/population.nc").is_file()
 
 
 def test_what_is_finished_is_not_run_again_and_what_is_missing_is(monkeypatch):
@@ -171,7 +207,7 @@ def workers(process):
 def test_a_worker_that_is_killed_is_said_and_its_run_goes_on(capsys):
     words = ["seed=0,1", *WORDS, "learning.epochs=400", "compile=never"]
     environment = os.environ | {"PYTHONPATH": str(Path(runs.__file__).parents[2]), "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-c", "from trainers.cli import main; main()", "train", "-m", *words]
+    command = [sys.executable, "-c", "from trainers.command import main; main()", "train", "-m", *words]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
         until = time.monotonic() + 300
         while len(list(Path("sweep").glob("*/checkpoints"))) < 2 and time.monotonic() < until:

@@ -10,11 +10,12 @@ import numpy as np
 
 from swarm._support import files, provenance
 from swarm._support.tables import Table, percent, span
+from swarm._support.terminal import dispensable
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
 from swarm.population.results import RIVAL
 from swarm.population.statistics import fraction_of_limit, mean_interval
-from trainers.settings.composition import settings_from_stored
+from trainers.settings.composition import by_value, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import run_folder as runs
 from trainers.training.run_folder import RunError, RunFolder
@@ -74,7 +75,8 @@ def compare(
     """
     if out is not None:
         files.check_new_folder(out)
-    found = [Path(folder) for folder in folders if runs.is_run_folder(Path(folder))]
+    known = {folder.resolve(): folder for folder in map(files.expanded, reversed(folders))}  # each one once
+    found = [folder for folder in reversed(known.values()) if runs.is_run_folder(folder)]
     if not found:
         raise RunError(f"compare must name folders of runs, got {' '.join(map(str, folders))}")
     for folder in found:
@@ -87,34 +89,37 @@ def compare(
 
 
 def _write(out: Path, groups: Sequence[Group], about: dict[str, Any]) -> None:
-    from swarm import figures
-
     rows = [group.row() for group in groups]
     record = {"groups": rows, **about, "versions": provenance.versions(), "commit": provenance.commit()}
     with files.new_folder(out) as folder:
         (folder / "comparison.csv").write_text(Table.of(rows).as_csv(), encoding="utf-8")
         (folder / "comparison.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-        figure = figures.groups([(row, group.means) for row, group in zip(rows, groups, strict=True)])
-        figures.save(figure, folder / "comparison.png")
+        with dispensable("comparison.png"):
+            from swarm import figures
+
+            figure = figures.groups([(row, group.means) for row, group in zip(rows, groups, strict=True)])
+            figures.save(figure, folder / "comparison.png")
 
 
 def grouped(contenders: Sequence[Contender]) -> list[Group]:
-    """Contenders by all their settings but the seeds, labelled by what differs between groups."""
-    described = [
-        {key: value for key, value in each.settings.dotted().items() if key.split(".")[0] in NAMES + SECTIONS}
-        for each in contenders
-    ]
+    """Contenders by all their settings but the seeds, labelled by what differs between groups.
+
+    The same settings with the same seed are one training, wherever and however often they are named: they
+    count once.
+    """
+    told = [by_value(each.settings) for each in contenders]
+    described = [{key: each[key] for key in each if key.split(".")[0] in NAMES + SECTIONS} for each in told]
     keys = [key for key in NAMES if _differs(key, described)]
     others = list(dict.fromkeys(key for each in described for key in each if key not in NAMES))
     for key in others:  # but for those that are the same in all runs that share the names
         alike = itertools.groupby(sorted(described, key=_names), _names)
         keys += [key] if any(_differs(key, list(each)) for _, each in alike) else []
-    groups: dict[str, list[Contender]] = {}
+    groups: dict[str, dict[int, Contender]] = {}
     for contender, each in zip(contenders, described, strict=True):
         parts = [each[key] if key in NAMES else f"{key}={each[key]}" for key in keys if key in each]
         label = " ".join(parts or _names(each))
-        groups.setdefault(label, []).append(contender)
-    return [Group(label, members) for label, members in groups.items()]
+        groups.setdefault(label, {}).setdefault(contender.seed, contender)
+    return [Group(label, list(members.values())) for label, members in groups.items()]
 
 
 def _names(described: Mapping[str, Any]) -> list[str]:
@@ -138,7 +143,7 @@ def table(groups: Sequence[Group]) -> Table:
 
 def _tested(folder: Path, cells: int, seed: int) -> list[Contender]:
     run, stored = RunFolder.open(folder)
-    settings = settings_from_stored(stored, folder)
+    settings = settings_from_stored(stored, run.path)
     policies = {str(each): load_policy(path) for each, path in run.policies(settings)}
     world = settings.test_world()
     results = population_test(world, policies, cells=cells, life=world.life, seed=seed, record=False)

@@ -5,7 +5,9 @@ and goes on with what is not.
 """
 
 import itertools
+import json
 import os
+import shlex
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -13,9 +15,17 @@ from pathlib import Path
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
+from swarm._support import files
 from swarm._support.checks import check_count, check_name
 from trainers.jobs.executors import Task, executor_for, run_tasks
-from trainers.settings.composition import SettingsError, key_of, readable, settings_from, settings_from_stored
+from trainers.settings.composition import (
+    SettingsError,
+    by_value,
+    key_of,
+    readable,
+    settings_from,
+    settings_from_stored,
+)
 from trainers.settings.schema import Settings
 from trainers.training.machine import check_machine
 from trainers.training.run import train_in
@@ -41,26 +51,25 @@ def sweep(words: Sequence[str]) -> None:
     number = own.get(JOBS, "2")
     workers = check_count(JOBS, int(number) if number.isdecimal() else number)
     combinations = expanded([word for word in words if not word.startswith("hydra")])
-    folder = Path(own.get(FOLDER) or f"runs/sweep-{datetime.now():%Y%m%d-%H%M%S}")
     wanted = [settings_from(combination) for combination in combinations]
+    names = named(combinations)
+    check_different(names, wanted)
     for settings in wanted:
         check_machine(settings)
-    paths = [folder / name for name in named(combinations)]
+    folder = _sweep_folder(own.get(FOLDER), names, wanted)
+    paths = [folder / name for name in names]
     tasks = [Task(path.name, train_in, (path, each)) for path, each in zip(paths, wanted, strict=True)]
-    for path, settings in zip(paths, wanted, strict=True):
-        _check_there(path, settings)
-    folder.mkdir(parents=True, exist_ok=True)
+    quoted = shlex.quote(str(folder))
     print(f"{len(paths)} runs in {folder}")
-    again = f"the same command with {FOLDER}={folder} goes on with them"
+    again = f"the same command with {FOLDER}={quoted} goes on with them"
     try:
-        run_tasks(tasks, executor_for(0 if launcher == "basic" else workers), title="sweep")
+        outcomes = run_tasks(tasks, executor_for(0 if launcher == "basic" else workers), title="sweep")
     except KeyboardInterrupt as stopped:
         stopped.add_note(again)
         raise
-    done = sum(RunFolder(path).finished for path in paths)
-    if done < len(paths):
-        raise RunError(f"{len(paths) - done} of {len(paths)} runs did not finish; {again}")
-    print(f"all {len(paths)} runs are in {folder}; swarm compare {folder}/* shows them side by side")
+    if left := sum(isinstance(outcome, BaseException) for outcome in outcomes):
+        raise RunError(f"{left} of {len(paths)} runs did not finish; {again}")
+    print(f"all {len(paths)} runs are in {folder}; swarm compare {quoted}/* shows them side by side")
 
 
 def expanded(words: Sequence[str]) -> list[list[str]]:
@@ -94,6 +103,28 @@ def named(combinations: Sequence[Sequence[str]]) -> list[str]:
                 "sweep over fewer keys at once"
             )
     return names
+
+
+def check_different(names: Sequence[str], wanted: Sequence[Settings]) -> None:
+    """Raises RunError where two combinations train the same settings with the same seed."""
+    found: dict[tuple[str, int], str] = {}
+    for name, settings in zip(names, wanted, strict=True):
+        told = by_value(settings)
+        key = json.dumps([told[each] for each in told if each not in ("seed", "n_seeds")], default=str)
+        for seed in settings.seeds:
+            if (other := found.setdefault((key, seed), name)) != name:
+                raise RunError(f"combinations must differ, got seed {seed} of the same in {other} and {name}")
+
+
+def _sweep_folder(given: str | None, names: Sequence[str], wanted: Sequence[Settings]) -> Path:
+    """The folder of a sweep: the literal path that is given, or a new one of its own."""
+    if not given:
+        return files.reserved(f"runs/sweep-{datetime.now():%Y%m%d-%H%M%S}")
+    folder = files.expanded(given)
+    for name, settings in zip(names, wanted, strict=True):
+        _check_there(folder / name, settings)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def _check_there(path: Path, settings: Settings) -> None:

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from swarm._support import files
 from swarm._support.checks import check_name
 from swarm.physics.grids.netcdf import located
 from swarm.physics.world import World
+from swarm.physics.world.rules import PARTS
 from swarm.policies.network import ZOO, load_policy
 from trainers.settings.learning import ALGORITHMS
 from trainers.settings.schema import Settings, unknown
@@ -160,6 +162,18 @@ def _with_data(key: str, section: Any, folders: Sequence[Path]) -> Any:
     return found
 
 
+def by_value(settings: Settings) -> dict[str, Any]:
+    """Every key and its value, each said in one way: a part of the world whose parameters are its own
+    defaults is its name.
+    """
+    told = settings.dotted()
+    for key, known in ((f"world.{name}", known) for name, known in PARTS.items()):
+        if isinstance(part := told.get(key), dict):
+            with suppress(TypeError, ValueError, OSError):  # one that has no defaults
+                told[key] = part["type"] if known.describe(known.make(part["type"])) == part else part
+    return told
+
+
 def settings_of(policy: str, experiment: str | None) -> Settings:
     """Settings of an experiment, or those a trained policy's card tells of, else of linear_n4."""
     from swarm.population.evaluation import STRATEGIES, named_policy
@@ -168,13 +182,13 @@ def settings_of(policy: str, experiment: str | None) -> Settings:
         return settings_from([f"experiment={experiment}"])
     if policy in STRATEGIES:
         return settings_from([])
-    if not policy.startswith(ZOO) and not Path(policy).exists():
+    if not policy.startswith(ZOO) and not files.expanded(policy).exists():
         named_policy(policy, World())  # raises, and suggests what may be meant
     card = load_policy(policy).card
     known = card["settings"] if isinstance(card.get("settings"), dict) else {}
     stored = {name: known[name] for name in ("world", "evaluation") if name in known}
     stored["experiment"] = str(card.get("experiment", "own"))
-    return settings_from_stored(stored, Path(policy))
+    return settings_from_stored(stored, files.expanded(policy))
 
 
 def checked(values: Any, prefix: str = "") -> Settings:

@@ -1,9 +1,10 @@
 """What a run asks of the machine: packages, device and memory, checked before its folder is made."""
 
 import importlib.util
-import os
 import re
 
+from swarm._support.checks import check_memory
+from swarm.population import contest
 from trainers.algorithms.base import learner_of
 from trainers.settings.composition import SettingsError
 from trainers.settings.schema import Settings
@@ -16,13 +17,17 @@ def check_machine(settings: Settings) -> None:
             raise SettingsError(f"{name}=true needs {name}, which is not installed: pip install {name}")
     if settings.device != "cpu":
         return _check_device(settings.device)
-    needed, there = memory_needed(settings), _memory()
-    if there is not None and needed > there:
-        raise SettingsError(
-            f"these settings need {needed / 2**30:.3g} GiB of memory, this machine has {there / 2**30:.3g}: "
-            "lower n_seeds, world.n_records, or what learning holds: buffer_size, n_swimmers, n_worlds, "
-            "batch_size"
-        )
+    try:
+        held = "buffer_size, n_swimmers, n_worlds, batch_size"
+        rule = f"n_seeds, world.n_records, or what learning holds ({held}) must be smaller"
+        check_memory(memory_needed(settings), rule)
+        if settings.evaluate:
+            test = settings.evaluation
+            rule = "evaluation.cells must be fewer, or evaluation.life shorter, got"
+            needed = contest.memory_needed(settings.test_world(), test.cells)
+            check_memory(needed, f"{rule} {test.cells} and {test.life:g}")
+    except ValueError as error:
+        raise SettingsError(str(error)) from None
 
 
 def memory_needed(settings: Settings) -> int:
@@ -32,14 +37,6 @@ def memory_needed(settings: Settings) -> int:
     cells = 2 * decisions * learning.n_worlds * learning.n_swimmers + settings.validation.cells
     own = learner_of(settings).memory_needed(settings)
     return settings.n_seeds * (8 * world.observation_size * cells + own)
-
-
-def _memory() -> int | None:
-    """Bytes of this machine's memory, where the operating system tells."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return None
 
 
 def _check_device(device: str) -> None:

@@ -1,7 +1,6 @@
 """Runs: a training in its folder. A run that is stopped anywhere goes on as if it had never been."""
 
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -11,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from swarm._support import provenance
+from swarm._support import files, provenance
+from swarm._support.terminal import dispensable, tell
 from swarm.policies.network import save_policy
+from swarm.population.evaluation import Evaluation, evaluate
 from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import checkpoint as checkpoints
@@ -41,9 +42,15 @@ def prepare(settings: Settings) -> Training:
         raise SettingsError(str(error) or "there is not enough memory for these settings") from None
 
 
-def begin(folder: Path, settings: Settings) -> tuple[Training, RunFolder]:
-    """A new run, whose folder is made when all else is ready; raises SettingsError or OSError."""
-    return prepare(settings), RunFolder.create(folder, settings)
+def begin(folder: Path | None, settings: Settings) -> tuple[Training, RunFolder]:
+    """A new run, whose folder, by default one named by the settings, is made when all else is ready.
+
+    Raises SettingsError or OSError.
+    """
+    if folder is not None:
+        files.check_new_folder(folder)
+    training = prepare(settings)
+    return training, RunFolder.create(folder or runs.default_folder(settings), settings)
 
 
 def resume(folder: Path) -> tuple[Training, RunFolder]:
@@ -51,42 +58,69 @@ def resume(folder: Path) -> tuple[Training, RunFolder]:
     run, stored = RunFolder.open(folder)
     if "algorithm" not in stored:
         raise RunError(f"{folder} was begun by version 0.1: go on with that version, or train anew")
-    training = prepare(settings_from_stored(stored, folder))
+    training = prepare(settings_from_stored(stored, run.path))
     then, now = run.record.get("versions"), provenance.versions()
     if isinstance(then, dict) and (changed := [name for name in now if then.get(name) != now[name]]):
-        print(
-            f"{', '.join(changed)} changed since the run began: it goes on, but not bit for bit",
-            file=sys.stderr,
-        )
+        tell(f"{', '.join(changed)} changed since the run began: it goes on, but not bit for bit")
     return training, run
 
 
 def train_in(folder: Path, settings: Settings) -> None:
     """One whole run in a folder. One that was begun there goes on, with its own settings, from its newest
-    checkpoint; one that is finished stays as it is.
+    checkpoint; one that is finished is tested where that was not done, and else stays as it is.
 
-    Raises what `begin`, `resume` and `train` do.
+    Raises what `begin`, `resume` and `complete` do.
     """
     if not runs.is_run_folder(folder):
         complete(*begin(folder, settings))
     elif not RunFolder(folder).finished:
         complete(*resume(folder))
+    else:
+        run, stored = RunFolder.open(folder)
+        test(settings_from_stored(stored, folder), run)
 
 
-def complete(training: Training, run: RunFolder, *, report: Report | None = None) -> None:
-    """Train to the end, draw the training figure, and mark the run as finished; raises what `train` does.
+def complete(training: Training, run: RunFolder, *, report: Report | None = None) -> Evaluation | None:
+    """Train to the end, draw the training figure, mark the run as finished, and test its policy where that is
+    wanted; all the while no other process works on the run. Returns the test. Raises what `train` and `test`
+    do.
 
     An error that a user may undo notes what is left of the run.
     """
     try:
-        train(training, run, report=report)
-        draw(training, run)
-        run.mark_finished()
+        with run.owned():
+            train(training, run, report=report)
+            with dispensable(run.path / runs.FIGURE):
+                draw(training, run)
+            run.mark_finished()
+            return _test(training.settings, run)
     except (OSError, MemoryError, KeyboardInterrupt) as error:
         if not isinstance(error, Interrupted):
             error.add_note("what was saved before is kept")
-        error.add_note(f"to go on: swarm train resume={run.path}")
+        error.add_note(f"to go on: swarm train resume={run.quoted}")
         raise
+
+
+def test(settings: Settings, run: RunFolder) -> Evaluation | None:
+    """Test the policy of a finished run where that is wanted and was not done; raises RunError where another
+    process works on the run.
+    """
+    if settings.evaluate and not (run.path / runs.TEST).exists():
+        with run.owned():
+            return _test(settings, run)
+    return None
+
+
+def _test(settings: Settings, run: RunFolder) -> Evaluation | None:
+    from swarm.figures.evaluation import save_evaluation
+
+    folder, wanted = run.path / runs.TEST, settings.evaluation
+    if not settings.evaluate or folder.exists():
+        return None
+    options: dict[str, Any] = {"cells": wanted.cells, "life": wanted.life, "seed": wanted.seed}
+    tested = evaluate(run.path, settings.test_world(), experiment=settings.experiment, **options)
+    save_evaluation(tested, folder)
+    return tested
 
 
 def train(training: Training, run: RunFolder, *, report: Report | None = None) -> None:
@@ -94,24 +128,23 @@ def train(training: Training, run: RunFolder, *, report: Report | None = None) -
 
     `report` is called after each epoch. Raises Interrupted after Ctrl-C or SIGTERM, when the epoch is
     finished and saved; TrainingError for numbers that are not finite; CheckpointError for checkpoints that
-    cannot be used; RunError where another process trains the run.
+    cannot be used.
     """
     settings, folder = training.settings, run.path / runs.CHECKPOINTS
-    with run.locked():
-        _go_on(training, run)
-        with _logging(training, run) as log, _interruptible() as asked_to_stop:
-            while training.epoch < settings.learning.epochs:
-                seconds = _epoch(training, run, log)
-                last = training.epoch == settings.learning.epochs
-                stopping = asked_to_stop() and not last
-                if last or stopping or training.epoch % settings.checkpoint_every == 0:
-                    state = snapshots.tensors_of(training), snapshots.record_of(training)
-                    checkpoints.write(folder, training.epoch, *state, settings.identity())
-                if report is not None:
-                    report(training, seconds)
-                if stopping:
-                    raise Interrupted(f"stopped after epoch {training.epoch}")
-        save_policies(training, run)
+    _go_on(training, run)
+    with _logging(training, run) as log, _interruptible() as asked_to_stop:
+        while training.epoch < settings.learning.epochs:
+            seconds = _epoch(training, run, log)
+            last = training.epoch == settings.learning.epochs
+            stopping = asked_to_stop() and not last
+            if last or stopping or training.epoch % settings.checkpoint_every == 0:
+                state = snapshots.tensors_of(training), snapshots.record_of(training)
+                checkpoints.write(folder, training.epoch, *state, settings.identity())
+            if report is not None:
+                report(training, seconds)
+            if stopping:
+                raise Interrupted(f"stopped after epoch {training.epoch}")
+    save_policies(training, run)
 
 
 def _go_on(training: Training, run: RunFolder) -> None:
@@ -119,7 +152,6 @@ def _go_on(training: Training, run: RunFolder) -> None:
     one.
     """
     folder, settings = run.path / runs.CHECKPOINTS, training.settings
-    run.tidy()
     checkpoints.tidy(folder)
     at_most = snapshots.largest(training) if folder.is_dir() else 0
     found = checkpoints.read_newest(folder, settings.identity(), at_most=at_most)
@@ -130,7 +162,7 @@ def _go_on(training: Training, run: RunFolder) -> None:
         except CheckpointError as error:
             raise CheckpointError(f"{folder}: {error}") from None
         for complaint in complaints:
-            print(f"{complaint}; going on from epoch {training.epoch}", file=sys.stderr)
+            tell(f"{complaint}; going on from epoch {training.epoch}")
     run.rewrite(runs.METRICS, training.columns, list(training.metric_rows()))
     timings = [row for row in run.rows(runs.TIMINGS) if int(row["epoch"]) <= training.epoch]
     run.rewrite(runs.TIMINGS, runs.TIMING_COLUMNS, timings)
@@ -146,12 +178,16 @@ def _epoch(training: Training, run: RunFolder, log: Log) -> float:
     timing = {
         "epoch": training.epoch,
         "seconds": seconds,
-        "decisions_per_second": (training.decisions - decisions) / seconds,
-        "updates_per_second": (training.algorithm.updates - updates) / seconds,
+        "decisions_per_second": _rate(training.decisions - decisions, seconds),
+        "updates_per_second": _rate(training.algorithm.updates - updates, seconds),
     }
     run.append(runs.TIMINGS, runs.TIMING_COLUMNS, [timing])
     log(rows, timing)
     return seconds
+
+
+def _rate(number: int, seconds: float) -> float | None:
+    return number / seconds if seconds > 0 else None  # of a clock that stands
 
 
 def save_policies(training: Training, run: RunFolder) -> None:
@@ -232,7 +268,8 @@ def _logging(training: Training, run: RunFolder) -> Iterator[Log]:
                     if row[name] is not None:
                         logger.log_scalar(name + suffix, float(row[name]), step=row["epoch"])
             for name in runs.TIMING_COLUMNS[1:]:
-                logger.log_scalar(f"time/{name}", timing[name], step=timing["epoch"])
+                if timing[name] is not None:
+                    logger.log_scalar(f"time/{name}", timing[name], step=timing["epoch"])
 
     try:
         yield log

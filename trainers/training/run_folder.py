@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
-import itertools
 import json
 import os
 import re
+import shlex
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
@@ -22,7 +23,7 @@ from trainers.settings.composition import RECORD
 from trainers.settings.schema import Settings
 
 SETTINGS, PROVENANCE, METRICS, TIMINGS = "settings.yaml", RECORD, "metrics.csv", "timings.csv"
-POLICY, FIGURE, CHECKPOINTS = "policy.safetensors", "training.png", "checkpoints"
+POLICY, FIGURE, CHECKPOINTS, TEST = "policy.safetensors", "training.png", "checkpoints", "evaluation"
 LOCK = ".lock"
 MAX_TEXT = 2**18  # [bytes] of settings and provenance
 
@@ -34,17 +35,16 @@ class RunError(RuntimeError):
 
 
 def default_folder(settings: Settings, parent: Path = Path("runs")) -> Path:
-    """A name that is not taken: experiment, recipe, seed and the time."""
-    stem = f"{settings.experiment}-{settings.recipe}-seed{settings.seed}-{datetime.now():%Y%m%d-%H%M%S}"
-    names = itertools.chain([stem], (f"{stem}-{count}" for count in itertools.count(2)))
-    return next(parent / name for name in names if not (parent / name).exists())
+    """A new empty folder, whose name nobody else has: experiment, recipe, seed and the time."""
+    names = (each.replace(os.sep, "_") for each in (settings.experiment, settings.recipe))
+    return files.reserved(parent / f"{'-'.join(names)}-seed{settings.seed}-{datetime.now():%Y%m%d-%H%M%S}")
 
 
 class RunFolder:
     """Writes what a run leaves behind; every file is whole or not there, but for the growing tables."""
 
     def __init__(self, path: Path) -> None:
-        self.path = Path(path)
+        self.path = files.expanded(path)
 
     @classmethod
     def create(cls, path: Path, settings: Settings) -> RunFolder:
@@ -59,7 +59,7 @@ class RunFolder:
     @classmethod
     def open(cls, path: Path) -> tuple[RunFolder, dict[str, Any]]:
         """An existing run and its stored settings, as plain data; nothing in the folder can run."""
-        file = Path(path) / SETTINGS
+        file = files.expanded(path) / SETTINGS
         try:
             stored = yaml.load(files.read_bytes(file, at_most=MAX_TEXT).decode(), _PlainLoader)
         except (FileNotFoundError, NotADirectoryError):
@@ -69,11 +69,12 @@ class RunFolder:
             raise RunError(f"{file} must be a run's settings, but cannot be read: {reason}") from None
         if not isinstance(stored, dict):
             raise RunError(f"{file} must be a run's settings, but holds {type(stored).__name__}")
-        return cls(Path(path)), stored
+        return cls(path), stored
 
     @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Within, no other process works on this run; raises RunError where one does.
+    def owned(self) -> Iterator[None]:
+        """Within, no other process works on this run, and what killed ones left half-written is gone; raises
+        RunError where another does.
 
         The operating system lets go of the lock when the process ends, however it ends.
         """
@@ -83,11 +84,11 @@ class RunFolder:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise RunError(
-                    f"{self.path} is being trained by another process: wait for it or stop it"
-                ) from None
+                rule = "is being worked on by another process: wait for it or stop it"
+                raise RunError(f"{self.path} {rule}") from None
             except OSError:  # a file system without locks
                 pass
+            self.tidy()
             yield
 
     @property
@@ -114,12 +115,17 @@ class RunFolder:
         record = self.record | {"finished": True}
         files.write_text(self.path / PROVENANCE, json.dumps(record, indent=2) + "\n")
 
+    @property
+    def quoted(self) -> str:
+        """The path as it is written in a shell."""
+        return shlex.quote(str(self.path))
+
     def tidy(self) -> None:
         """Remove what killed writes left behind; only for the one process that owns the run."""
         seeds = [folder for folder in self.path.glob("seed_*") if not folder.is_symlink()]
         for path in (path for folder in (self.path, *seeds) for path in folder.glob(".*.*")):
-            if re.fullmatch(r"\..+\.[0-9a-f]{12}", path.name) and path.is_file():
-                path.unlink(missing_ok=True)
+            if re.fullmatch(r"\..+\.[0-9a-f]{12}", path.name) and not path.is_symlink():
+                shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
 
     def seed_folder(self, seed: int) -> Path:
         """Where a seed's policy lies in a run of several."""
@@ -161,4 +167,4 @@ class _PlainLoader(yaml.SafeLoader):
 
 def is_run_folder(path: Path) -> bool:
     """Whether `path` is the folder of a run."""
-    return (Path(path) / SETTINGS).is_file()
+    return (files.expanded(path) / SETTINGS).is_file()

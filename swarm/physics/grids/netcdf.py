@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from swarm._support import files
 from swarm._support.checks import check_name
 from swarm.physics.grids import hdf5
 from swarm.physics.grids.units import AXES, TIME
@@ -26,7 +27,7 @@ MAX_POINTS = 2**24  # of one coordinate
 
 def checksum(path: str | os.PathLike) -> str:
     """SHA-256 of an ordinary file; raises FileNotFoundError or ValueError for anything else."""
-    file = Path(path)
+    file = files.expanded(path)
     if not file.exists():
         raise FileNotFoundError(f"data must be a file that exists, got {file}")
     if not file.is_file():

@@ -1,0 +1,69 @@
+"""Where the command `swarm` begins: what must hold before anything else is loaded."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import sys
+from types import FrameType
+
+
+def main() -> None:
+    """Run the command line; Ctrl-C and SIGTERM end it with a line, whenever they come."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _stop)
+    if sys.platform == "win32":
+        _end("the command runs on Linux and macOS, and on Windows within WSL")
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        _end("the current folder must be there, but was removed: change to another")
+    try:
+        _open_streams()
+        _run()
+    except KeyboardInterrupt:
+        _end("stopped")
+
+
+def _open_streams() -> None:
+    """Files must not take the numbers of streams that are closed."""
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    sys.stdout = sys.stdout or os.fdopen(1, "w")
+    sys.stderr = sys.stderr or os.fdopen(2, "w")
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a name that the terminal's encoding lacks is no bug
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def _run() -> None:
+    from trainers.cli import app
+
+    try:
+        app()
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            try:
+                stream.flush()
+            except (OSError, ValueError):  # of which has been told
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    """While modules are loaded the process ends at once, for what is loaded by halves can say nothing."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            _end("stopped")
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
+def _end(line: str) -> None:
+    """End the process as it is, with a line."""
+    try:
+        os.write(2, f"swarm: {line}\n".encode())
+    finally:
+        os._exit(2)
