@@ -164,6 +164,16 @@ class Arena:
         given: Any = starts
         return given.factors.astype(self.dtype) if isinstance(given, SpreadStarts) else None
 
+    def told(self) -> dict[str, np.ndarray]:
+        """What infos tell of each cell (cells,) beside the gain: what it has `eaten` [amount] in a medium;
+        in a race its `arrival_time` [time], infinite before, and whether it has `won`.
+        """
+        state = self.state
+        found = {} if state.medium is None else {"eaten": state.medium.eaten}
+        if state.arrival_time is not None:
+            found |= {"arrival_time": state.arrival_time, "won": self.world.won(state)}
+        return found
+
     def table(self) -> np.ndarray:
         """x, y [length], heading in [−π, π] [rad] and curvature [1 / length] of every cell (cells, 4)."""
         curvature = np.asarray(self.world.curvatures, self.dtype)[self.action]
@@ -222,6 +232,24 @@ class Watched:
 
     arena: Arena
     world: World
+
+    @property
+    def medium(self) -> Any:
+        """The medium's grid as an `xarray.DataArray` (x, y) with the nodes' places [concentration]: the whole
+        field where it is carried, else its deviation from the world's field. Raises AttributeError in a world
+        without a medium, RuntimeError before the first reset.
+        """
+        import xarray as xr
+
+        medium = self.world.medium
+        if medium is None:
+            raise AttributeError("medium must be a parameter of the world, got medium=None")
+        if self.arena.seed is None:
+            raise RuntimeError("reset must be called first")
+        held = self.arena.state.medium
+        x, y = (np.asarray(axis) for axis in medium.mesh.coordinates(held.origin))
+        labels = {"units": "concentration", "long_name": "whole field" if medium.carried else "deviation"}
+        return xr.DataArray(held.grid.copy(), {"x": x, "y": y}, ("x", "y"), "medium", labels)
 
     def _set_up(self, max_cycles: int | None, render_mode: str | None) -> None:
         self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)

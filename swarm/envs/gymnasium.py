@@ -29,7 +29,9 @@ class SpermSwarmVector(Watched, VectorEnv):
     - "NextStep": in the step after, whatever the action, with reward 0.
     - "Disabled": in `reset(options={"reset_mask": cells})`, until which no step is possible.
 
-    `info["gain"]` is c(t) − c(0) of every cell [concentration].
+    `info["gain"]` is c(t) − c(0) of every cell [concentration]; `eaten`, `arrival_time` and `won` stand beside
+    it as in the PettingZoo face. A cell that begins its next life joins the medium as it is; where all do, it is
+    new. A race ends for all at once.
     """
 
     @with_parameters
@@ -108,7 +110,7 @@ class SpermSwarmVector(Watched, VectorEnv):
         done = terminated | truncated
         info = {}
         if done.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
-            info = self._final(done, observation, arena.gain)
+            info = self._final(done, observation, {"gain": arena.gain} | arena.told())
             observation = arena.restart(done)
             self._done = np.zeros(self.num_envs, bool)
         else:
@@ -142,9 +144,13 @@ class SpermSwarmVector(Watched, VectorEnv):
         return self._done
 
     def _info(self) -> dict[str, Any]:
-        return {"gain": self.arena.gain.copy(), "_gain": np.ones(self.num_envs, bool)}
+        found = {"gain": self.arena.gain} | self.arena.told()
+        everyone = {f"_{name}": np.ones(self.num_envs, bool) for name in found}
+        return {name: values.copy() for name, values in found.items()} | everyone
 
-    def _final(self, done: np.ndarray, observation: np.ndarray, gain: np.ndarray) -> dict[str, Any]:
+    def _final(
+        self, done: np.ndarray, observation: np.ndarray, told: dict[str, np.ndarray]
+    ) -> dict[str, Any]:
         """What a life ended with, in the form that Gymnasium's own vector environments give it."""
         last = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(done):
@@ -152,7 +158,8 @@ class SpermSwarmVector(Watched, VectorEnv):
         return {
             "final_obs": last,
             "_final_obs": done.copy(),
-            "final_info": {"gain": np.where(done, gain, 0), "_gain": done.copy()},
+            "final_info": {name: np.where(done, values, 0) for name, values in told.items()}
+            | {f"_{name}": done.copy() for name in told},
             "_final_info": done.copy(),
         }
 

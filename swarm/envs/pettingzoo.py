@@ -7,7 +7,7 @@
 | reward | change of the memory's mean concentration over the interval, normalised |
 | terminated | the cell's path came within reach of the egg |
 | truncated | its life is over, it left its field's or flow's domain, or `max_cycles` is reached |
-| info | `gain`: c(t) − c(0) [concentration] |
+| info | `gain`: c(t) − c(0) [concentration]; `eaten` with a medium; `arrival_time`, `won` in a race |
 | state | (N, 4): x, y [length], heading [rad] in [−π, π], curvature of the last interval [1 / length] |
 """
 
@@ -146,8 +146,9 @@ class SpermSwarm(Watched, ParallelEnv):
         observation = self.arena.reset(seed, options)
         self.agents, self._live, self._cycle = self.possible_agents[:], None, 0
         self._follow()
-        infos = {agent: {"gain": 0.0} for agent in self.agents}
-        return dict(zip(self.agents, observation, strict=True)), infos
+        return dict(zip(self.agents, observation, strict=True)), self._infos(
+            self.arena.gain, self.agents, None
+        )
 
     def step(
         self, actions: dict[str, int]
@@ -183,8 +184,19 @@ class SpermSwarm(Watched, ParallelEnv):
             dict(zip(agents, reward.tolist(), strict=True)),
             terminations,
             truncations,
-            {agent: {"gain": value} for agent, value in zip(agents, gain.tolist(), strict=True)},
+            self._infos(gain, agents, live),
         )
+
+    def _infos(
+        self, gain: np.ndarray, agents: list[str], live: np.ndarray | None
+    ) -> dict[str, dict[str, float]]:
+        """What each agent is told beside its observation."""
+        infos = {agent: {"gain": value} for agent, value in zip(agents, gain.tolist(), strict=True)}
+        for name, values in self.arena.told().items():
+            chosen = values if live is None else values[live]
+            for info, value in zip(infos.values(), chosen.tolist(), strict=True):
+                info[name] = value
+        return infos
 
     def state(self) -> np.ndarray:
         """x, y, heading and curvature (N, 4) of every cell, also of those that have finished."""
