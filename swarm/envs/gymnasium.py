@@ -29,9 +29,9 @@ class SpermSwarmVector(Watched, VectorEnv):
     - "NextStep": in the step after, whatever the action, with reward 0.
     - "Disabled": in `reset(options={"reset_mask": cells})`, until which no step is possible.
 
-    `info["gain"]` is c(t) − c(0) of every cell [concentration]; `eaten`, `arrival_time` and `won` stand beside
-    it as in the PettingZoo face. A cell that begins its next life joins the medium as it is; where all do, it is
-    new. A race ends for all at once.
+    `info["gain"]` is c(t) − c(0) of every cell [concentration]; `eaten`, `arrival_time` and `won` stand
+    beside it as in the PettingZoo face. A cell that begins its next life joins the medium as it is; where
+    all do, it is new. A race ends for all at once.
     """
 
     @with_parameters

@@ -100,7 +100,8 @@ class Company:
                 f"per interval of {duration:g}, got {pushing:g}"
             )
         smooth = tuple(each for each in interactions if not isinstance(each, Contact))
-        waves = (each.spin_scale / each.speed_scale for each in smooth if getattr(each, "speed_scale", 0) > 0)
+        scales = ((getattr(each, "speed_scale", 0.0), getattr(each, "spin_scale", 0.0)) for each in smooth)
+        waves = (spin / speed for speed, spin in scales if speed > 0)
         # a dipole turns twice as fast as its cell, two cells pass at twice their speed, and they may be near
         change = 2.5 * (turn + max(waves, default=0.0) * length) / duration if smooth else 0.0
         strongest = Strongest(flow, smooth, change)
