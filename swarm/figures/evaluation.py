@@ -13,7 +13,7 @@ from swarm._support.tables import Table
 from swarm._support.terminal import dispensable
 from swarm.population.evaluation import Evaluation
 from swarm.population.noise import KINDS, NoiseSweep, records
-from swarm.population.results import RIVAL, save_population
+from swarm.population.results import RIVAL, pooled, save_population
 
 
 def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
@@ -22,7 +22,7 @@ def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
 
     Raises FileExistsError where `out` is something else than a new or an empty folder.
     """
-    results, world = found.results, found.world
+    results, world = pooled(found.results), found.world
     contenders = list(dict.fromkeys([found.label, RIVAL]))
     text = json.dumps(found.summary, indent=2, allow_nan=False, ensure_ascii=False)
     drawn: dict[str, Callable[[], Any]] = {
@@ -33,7 +33,7 @@ def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
     if world.egg is not None:
         drawn["radial"] = lambda: figures.radial(results, world, policy=found.label)
     with files.new_folder(out) as folder:
-        save_population(results, folder / "population.nc")
+        save_population(found.results, folder / "population.nc")
         (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
         for name, draw in drawn.items():
             with dispensable(f"{name}.png"):

@@ -60,7 +60,7 @@ def check_card(card: dict[str, Any]) -> dict[str, Any]:
             raise PolicyError(str(error)) from None
     sensor = plain.get("sensor", SENSORS.get(plain["features"]))
     if not isinstance(sensor.get(TYPE) if isinstance(sensor, dict) else sensor, str):
-        rule = f"card must state the sensor of {plain['features']} features by its name, or type and parameters"
+        rule = f"card must state the sensor of {plain['features']} features by name, or type and parameters"
         raise PolicyError(f"{rule}, got {sensor!r}")
     algorithm = plain.get("algorithm", "dqn")
     if not isinstance(algorithm, str) or not algorithm.isidentifier() or len(algorithm) > MAX_NAME:

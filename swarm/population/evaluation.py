@@ -16,7 +16,7 @@ from swarm.policies.policy import AnyPolicy
 from swarm.policies.policy_file import POLICY_FILE, PolicyError
 from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
-from swarm.population.results import RIVAL
+from swarm.population.results import RIVAL, pooled
 from swarm.population.statistics import statistics
 
 if TYPE_CHECKING:
@@ -83,11 +83,12 @@ def evaluate(
     *,
     experiment: str,
     cells: int = 40,
+    worlds: int = 1,
     life: float = 200.0,
     seed: int = 0,
     name: str | None = None,
 ) -> Evaluation:
-    """Tests a policy, greedy and swinging on the same starts.
+    """Tests a policy, greedy and swinging on the same starts, `cells` of them in each of `worlds` worlds.
 
     `policy` is a name, a path or a policy itself; `name` is what the summary calls it. Raises PolicyError for
     a policy that cannot be had.
@@ -95,7 +96,7 @@ def evaluate(
     world = world.replace(life=life)
     known, label, player = contender(policy, world, name)
     policies = {label: player, RIVAL: Greedy(), "swinging": Swinging()}
-    results = population_test(world, policies, cells=cells, life=life, seed=seed)
+    results = population_test(world, policies, cells=cells, worlds=worlds, life=life, seed=seed)
     numbers = statistics(results)
     summary = summarise(results, numbers, label, policy=known, experiment=experiment)
     return Evaluation(summary, results, table(results, numbers), world, label)
@@ -119,6 +120,8 @@ def summarise(
         "versions": provenance.versions(),
         "commit": provenance.commit(),
     }
+    if "world" in results.sizes:
+        summary["worlds"] = results.sizes["world"]
     if results["arrived"].values.any():
         summary["arrived"] = int(results["arrived"].sel(policy=label).sum())
     return summary
@@ -128,6 +131,7 @@ def table(results: xr.Dataset, numbers: dict[str, dict[str, Any]]) -> Table:
     """A row per policy, in the order of their mean gains."""
     headings = ["policy", "gain", "95% interval of the mean", "min", "max", "over greedy", "wins"]
     headings += ["of the limit", "arrived"]
+    results = pooled(results)
     cells, arrived = results.sizes["cell"], results["arrived"].sum("cell")
     rows: list[list[str | None]] = []
     for name in sorted(numbers, key=lambda each: -numbers[each]["mean"]):

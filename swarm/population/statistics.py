@@ -27,12 +27,14 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Per policy: `mean`, `std`, `min`, `max` of the cells' gains, `ci95` of the mean, `fraction_of_limit`,
     `difference_to_greedy` (`mean`, `ci95`; cell by cell) and `wins`, the number of cells that beat greedy.
 
-    The intervals are Student's, 95%, over the cells; None with a single cell. `std` is over the cells
-    (divided by their number). `fraction_of_limit` is None without a limit or with none above 0.
+    The intervals are Student's, 95%, over the cells of all worlds; over the worlds where the cells of one are
+    coupled and so not independent; None with a single one. `std` is over the cells (divided by their number).
+    `fraction_of_limit` is None without a limit or with none above 0.
     """
-    gains = results["gain"].values  # (policies, cells)
-    rival = results["gain"].sel(policy=RIVAL).values
-    ahead = gains - rival
+    gains = results["gain"].transpose("policy", ..., "cell").values  # (policies, [worlds,] cells)
+    ahead = gains - results["gain"].sel(policy=RIVAL).values
+    coupled = bool(results.attrs.get("coupled"))
+    gains, ahead = (each.reshape(len(each), -1, each.shape[-1]) for each in (gains, ahead))
     limit = results.attrs.get("limit")
     return {
         str(name): {
@@ -40,13 +42,21 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
             "std": float(gains[i].std()),
             "min": float(gains[i].min()),
             "max": float(gains[i].max()),
-            "ci95": mean_interval(gains[i]),
+            "ci95": mean_interval(_independent(gains[i], coupled)),
             "fraction_of_limit": fraction_of_limit(float(gains[i].mean()), limit),
-            "difference_to_greedy": {"mean": float(ahead[i].mean()), "ci95": mean_interval(ahead[i])},
+            "difference_to_greedy": {
+                "mean": float(ahead[i].mean()),
+                "ci95": mean_interval(_independent(ahead[i], coupled)),
+            },
             "wins": int(np.sum(ahead[i] > 0)),
         }
         for i, name in enumerate(results["policy"].values)
     }
+
+
+def _independent(values: np.ndarray, coupled: bool) -> np.ndarray:
+    """Of values (worlds, cells) those that are independent: the worlds' means, or each."""
+    return values.mean(axis=-1) if coupled else values.reshape(-1)
 
 
 def fraction_of_limit(gain: float, limit: float | None) -> float | None:
