@@ -100,6 +100,32 @@ def margin(*samples: np.ndarray, weights: Sequence[float] = (1.0,), shared_cells
     return _half_width(added, taken_off) if added else None
 
 
+def share_interval(part: np.ndarray, whole: np.ndarray) -> tuple[float, float, float]:
+    """Share Σ part / Σ whole of counts (units,) of independent units, with its 95% interval (low, high).
+
+    The variance is that of the ratio over the units, to first order; with the number of single counts that
+    would have the same, and no more than there are, the interval is Clopper and Pearson's (Korn & Graubard
+    1998, Survey Methodology 24, 193), so it lies within 0 and 1 and is none too narrow where one takes all.
+    NaN where nothing is counted; without an interval for a single unit.
+    """
+    from scipy.special import betaincinv, stdtrit
+
+    total, units = float(np.sum(whole)), len(whole)
+    share = float(np.sum(part)) / total if total > 0 else np.nan
+    if units < 2 or total == 0:
+        return share, np.nan, np.nan
+    variance = units / (units - 1) * float(np.sum((part - share * whole) ** 2)) / total**2
+    beyond = (1 - LEVEL) / 2
+    count = total
+    if variance > 0:
+        wider = stdtrit(max(total - 1, 1), beyond) / stdtrit(units - 1, beyond)
+        count = min(total, share * (1 - share) / variance * wider**2)
+    ours, others = share * count, (1 - share) * count
+    low = float(betaincinv(ours, others + 1, beyond)) if ours > 0 else 0.0
+    high = float(betaincinv(ours + 1, others, 1 - beyond)) if others > 0 else 1.0
+    return share, low, high
+
+
 def _variance(means: np.ndarray) -> tuple[Any, int]:
     """Variance (...) of the mean of independent numbers (..., n), and its degrees of freedom."""
     length = means.shape[-1]
