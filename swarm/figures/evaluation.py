@@ -5,15 +5,19 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from swarm import figures
 from swarm._support import files
 from swarm._support.tables import Table
 from swarm._support.terminal import dispensable
+from swarm.population import contests
 from swarm.population.evaluation import Evaluation
 from swarm.population.noise import KINDS, NoiseSweep, records
 from swarm.population.results import RIVAL, pooled, save_population
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
@@ -51,3 +55,10 @@ def save_noise_sweep(found: NoiseSweep, out: str | os.PathLike) -> None:
         with dispensable("noise.png"):
             figure = figures.noise_sweep(levels, found.tests, label=f"{kind.label} [{units}]")
             figures.save(figure, folder / "noise.png")
+
+
+def save_contest(results: xr.Dataset, out: str | os.PathLike) -> None:
+    """Writes contest.nc and contest.csv; raises FileExistsError as `save_evaluation` does."""
+    with files.new_folder(out) as folder:
+        results.to_netcdf(folder / "contest.nc", engine="h5netcdf")
+        (folder / "contest.csv").write_text(contests.table(results).as_csv(), encoding="utf-8")

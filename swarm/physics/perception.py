@@ -214,7 +214,9 @@ class MemoryWithNeighbours(Checked):
         seen: list[Array] = []
         for _ in range(self.k):
             nearest = xp.argmin(squared, axis=-1)[..., None]
-            far, *found = (xp.take_along_axis(each, nearest, axis=-1)[..., 0] for each in (squared, x, y, *makers))
+            far, *found = (
+                xp.take_along_axis(each, nearest, axis=-1)[..., 0] for each in (squared, x, y, *makers)
+            )
             close = xp.isfinite(far)
             distance = xp.sqrt(xp.where(close, far, xp.zeros_like(far)))
             closeness = xp.where(close, 1 - distance / self.range, xp.zeros_like(far))

@@ -146,8 +146,8 @@ class Network:
             hint = "; it senses the flow: sense_flow=True" if self.sensor == SENSORS[5] else ""
             raise PolicyError(
                 f"policy must fit what the world's cells observe: the policy takes {self.n_inputs} numbers "
-                f"(n_records = {self.n_records}, {self.features} of {_told(self.sensor)} in each), the world gives "
-                f"{world.observation_size} (n_records = {world.n_records}, {world.features} of "
+                f"(n_records = {self.n_records}, {self.features} of {_told(self.sensor)} in each), the world "
+                f"gives {world.observation_size} (n_records = {world.n_records}, {world.features} of "
                 f"{_told(there)} in each){hint}"
             )
         if self.n_actions != world.n_actions:

@@ -42,9 +42,9 @@ def population_test(
     Per (policy, cell): gain, maximal_gain, arrived, lifetime, decisions; with `record` also per decision,
     from the start (0) on and NaN after the end: time, position, heading, curvature, centre (of curvature),
     concentration. With several worlds, those of one episode after the other, they are per (policy, world,
-    cell). Attributes: seed, life, settings of the world (JSON), versions, commit, `coupled` (1) where what one
-    cell does can matter to another, and the limit where there is one and `limit` is asked for. "greedy" is
-    added where it is missing. Raises ValueError for a field or flow that returns NaN.
+    cell). Attributes: seed, life, settings of the world (JSON), versions, commit, `coupled` (1) where what
+    one cell does can matter to another, and the limit where there is one and `limit` is asked for. "greedy"
+    is added where it is missing. Raises ValueError for a field or flow that returns NaN.
     """
     policies = _with_rival(policies)
     check_count("cells", cells)

@@ -49,14 +49,14 @@ def contest(
     """Races of several policies in the same `worlds`, each policy steering its share of the `cells`.
 
     `shares` above 0 are relative to one another, by default alike; each becomes a whole number of cells, at
-    least one. Starts rotate, see the [module][swarm.population.contests]. A policy that reads another sensor's
-    records than the world's, as its `sensor` says, is shown those.
+    least one. Starts rotate, see the [module][swarm.population.contests]. A policy that reads another
+    sensor's records than the world's, as its `sensor` says, is shown those.
 
-    Per policy: `won`, its share of all wins; `won_interval` (policy, bound), 95%, over turns; `crowd`, its share
-    of the cells. Per (world, cell): `steered_by`, the policy's number; `winner`, `arrival_time` (infinite for
-    who never came), `gain`. Per world: `turn`. Raises TypeError or ValueError that names the rule: without a
-    race, for shares that leave a policy without a cell, for worlds that are no whole turns, for a policy that
-    does not fit the world or whose sensor the world cannot serve.
+    Per policy: `won`, its share of all wins; `won_interval` (policy, bound), 95%, over turns; `crowd`, its
+    share of the cells. Per (world, cell): `steered_by`, the policy's number; `winner`, `arrival_time`
+    (infinite for who never came), `gain`. Per world: `turn`. Raises TypeError or ValueError that names the
+    rule: without a race, for shares that leave a policy without a cell, for worlds that are no whole turns,
+    for a policy that does not fit the world or whose sensor the world cannot serve.
     """
     if world.first_arrivals is None:
         raise ValueError("a contest must be in a world with first_arrivals, got a world without a race")
@@ -73,6 +73,15 @@ def contest(
     episodes = np.arange(worlds) // turn
     ended = _race(together, views, steered_by, seed, episodes)
     return _dataset(world, list(policies), counts, steered_by, episodes, ended, seed)
+
+
+def race_in(world: World) -> World:
+    """The world; where nobody races there, one with a race that the first arrival ends, and in which all
+    decide at the same moments."""
+    if world.first_arrivals is not None:
+        return world
+    rule = world.interval_rule if len(set(world.intervals)) == 1 else "common"
+    return world.replace(first_arrivals=1, interval_rule=rule)
 
 
 def _counts(
@@ -96,7 +105,7 @@ def _counts(
 
 
 def _seats(counts: Sequence[int]) -> np.ndarray:
-    """Which policy has each seat (cells,): always the one furthest behind its share; it repeats with a turn."""
+    """Which policy has each seat (cells,): the one furthest behind its share; they repeat with a turn."""
     times = math.gcd(*counts)
     each = np.array(counts) // times
     dealt = np.zeros(len(each), int)
@@ -180,9 +189,9 @@ def _views(world: World, policies: Mapping[str, AnyPolicy]) -> tuple[list[_View]
         return [_View(each, worlds[0], columns) for each in policies.values()], worlds[0]
     all_of_it = _Together(tuple(sensors))
     views = zip(policies.values(), worlds, strict=True)
-    return [
-        _View(policy, seen, all_of_it.columns(seen.sensor)) for policy, seen in views
-    ], world.replace(sensor=all_of_it)
+    return [_View(policy, seen, all_of_it.columns(seen.sensor)) for policy, seen in views], world.replace(
+        sensor=all_of_it
+    )
 
 
 # --- the race -----------------------------------------------------------------------------------------------
@@ -207,6 +216,8 @@ def _race(
         gain = outcome.gain
         if state.finished.all():
             break
+    if not np.all(np.isfinite(gain)):
+        raise ValueError("gains must be finite, got NaN: check what the field and the flow return")
     return state, gain
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from swarm._support import files, provenance
+from swarm._support.checks import check_number
 from swarm._support.tables import Table, percent, span
 from swarm.optimal.physical_limit import Optimal
 from swarm.physics.world import World
@@ -16,6 +17,7 @@ from swarm.policies.policy import AnyPolicy
 from swarm.policies.policy_file import POLICY_FILE, PolicyError
 from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
+from swarm.population.contests import contest, race_in
 from swarm.population.results import RIVAL, pooled
 from swarm.population.statistics import statistics
 
@@ -47,6 +49,13 @@ def named_policy(name: str | os.PathLike, world: World) -> AnyPolicy:
     Raises PolicyError where there is no such policy, suggesting the nearest name, or where it does not fit
     the world.
     """
+    found = _found_policy(name, world)
+    if isinstance(found, Network):
+        found.check_fits(world)
+    return found
+
+
+def _found_policy(name: str | os.PathLike, world: World) -> AnyPolicy:
     if name in STRATEGIES:
         return STRATEGIES[name](world)
     if isinstance(name, str) and not name.startswith(ZOO) and not files.expanded(name).exists():
@@ -56,9 +65,7 @@ def named_policy(name: str | os.PathLike, world: World) -> AnyPolicy:
             f"policy must be one of {', '.join(STRATEGIES)}, {ZOO}NAME, a policy file or a folder with a "
             f"{POLICY_FILE}, got {name!r}{hint}"
         )
-    network = load_policy(name)
-    network.check_fits(world)
-    return network
+    return load_policy(name)
 
 
 def contender(
@@ -100,6 +107,32 @@ def evaluate(
     numbers = statistics(results)
     summary = summarise(results, numbers, label, policy=known, experiment=experiment)
     return Evaluation(summary, results, table(results, numbers), world, label)
+
+
+def compete(
+    policy: str,
+    rival: str,
+    world: World,
+    *,
+    share: float = 0.5,
+    cells: int = 40,
+    worlds: int = 40,
+    life: float = 200.0,
+    seed: int = 0,
+) -> xr.Dataset:
+    """A [`contest`][swarm.population.contests.contest] of two policies by their names or paths, of which the
+    first steers a `share` of the cells; where nobody races in the world, to the first arrival.
+
+    Raises PolicyError for a policy that cannot be had, and as `contest` does.
+    """
+    if not 0 < check_number("share", share) < 1:
+        raise ValueError(f"share must lie between 0 and 1, got {share:g}")
+    if policy == rival:
+        raise ValueError(f"a policy must compete against another, got {policy!r} twice")
+    world = race_in(world.replace(life=life))
+    players = {name: _found_policy(name, world) for name in (policy, rival)}
+    shares = {policy: share, rival: 1 - share}
+    return contest(world, players, shares, cells=cells, worlds=worlds, seed=seed)
 
 
 def summarise(

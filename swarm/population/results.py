@@ -100,9 +100,13 @@ def pooled(results: xr.Dataset) -> xr.Dataset:
     if "world" not in results.dims:
         return results
     places = results.stack(place=("world", "cell")).drop_vars(("place", "world", "cell"))
-    together = places.rename(place="cell").assign_coords(cell=np.arange(places.sizes["place"], dtype=np.int32))
+    together = places.rename(place="cell").assign_coords(
+        cell=np.arange(places.sizes["place"], dtype=np.int32)
+    )
     expected = _dimensions(worlds=False)
-    return together.assign({name: together[name].transpose(*expected[str(name)]) for name in together.data_vars})
+    return together.assign(
+        {name: together[name].transpose(*expected[str(name)]) for name in together.data_vars}
+    )
 
 
 def _dimensions(worlds: bool) -> dict[str, tuple[str, ...]]:

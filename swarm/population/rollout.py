@@ -56,7 +56,7 @@ def chances(
     population: streams.Population = "test",
     episode: int | np.ndarray = 0,
 ) -> Callable[[int], tuple[np.ndarray, np.ndarray | None]]:
-    """The random numbers of each decision: a policy's (cells,), and the world's noise, None where it has none.
+    """The random numbers of each decision: a policy's (cells,), and the world's noise or None.
 
     `cells` may be (worlds, cells); each world's numbers are those of an episode of its own, by default one
     after the other from `episode` on.

@@ -105,8 +105,8 @@ def share_interval(part: np.ndarray, whole: np.ndarray) -> tuple[float, float, f
 
     The variance is that of the ratio over the units, to first order; with the number of single counts that
     would have the same, and no more than there are, the interval is Clopper and Pearson's (Korn & Graubard
-    1998, Survey Methodology 24, 193), so it lies within 0 and 1 and is none too narrow where one takes all.
-    NaN where nothing is counted; without an interval for a single unit.
+    1998, Survey Methodology 24, 193). So it lies within 0 and 1; where all units are alike, where one takes
+    all for instance, each counts once. NaN where nothing is counted, and the interval of a single unit.
     """
     from scipy.special import betaincinv, stdtrit
 
@@ -116,7 +116,7 @@ def share_interval(part: np.ndarray, whole: np.ndarray) -> tuple[float, float, f
         return share, np.nan, np.nan
     variance = units / (units - 1) * float(np.sum((part - share * whole) ** 2)) / total**2
     beyond = (1 - LEVEL) / 2
-    count = total
+    count = min(total, units)
     if variance > 0:
         wider = stdtrit(max(total - 1, 1), beyond) / stdtrit(units - 1, beyond)
         count = min(total, share * (1 - share) / variance * wider**2)

@@ -85,7 +85,9 @@ def test_neighbours_are_seen_in_the_cells_own_frame_nearest_first(xp):
     position = [[1, 1], [1, 1.5], [0, 1], [4, 4], [4, 2.5]]
     angle = [math.pi / 2, 0, math.pi, 0, 0]
     past = array(xp, np.zeros((5, 4), int))
-    seen = to_numpy(world.start(array(xp, np.array(position, float)), array(xp, np.array(angle)), past).memory)
+    seen = to_numpy(
+        world.start(array(xp, np.array(position, float)), array(xp, np.array(angle)), past).memory
+    )
     # cell 0 heads up: cell 1 is half a unit ahead and heads to its right, cell 2 one unit to its left
     close, far = 1 - 0.5 / 2, 1 - 1 / 2
     np.testing.assert_allclose(seen[0, 0, 2:6], close * np.array([1, 0, 0, -1]), atol=1e-12)
@@ -98,9 +100,7 @@ def test_neighbours_are_seen_in_the_cells_own_frame_nearest_first(xp):
 def test_who_has_finished_is_not_seen_and_leading_axes_are_worlds(xp):
     world = World(sensor=MemoryWithNeighbours(k=1, range=3.0))
     position = np.array([[[1.0, 1], [2, 1], [9, 9]], [[5, 5], [5, 6], [5, 8]]])
-    state = world.start(
-        array(xp, position), array(xp, np.zeros((2, 3))), array(xp, np.zeros((2, 3, 4), int))
-    )
+    state = world.start(array(xp, position), array(xp, np.zeros((2, 3))), array(xp, np.zeros((2, 3, 4), int)))
     over = np.zeros((2, 3), bool)
     over[1, 1] = True
     after, _ = world.step(state._replace(finished=array(xp, over)), array(xp, np.zeros((2, 3), int)))
@@ -172,9 +172,7 @@ def test_the_first_of_n_comes_when_the_survival_of_one_to_the_nth_has_it():
     assert 0.1 < np.mean(lonely > 5) ** n < 0.9
 
 
-@pytest.mark.parametrize(
-    ("delay", "wanted", "winners"), [(0.0, 2, 2), (1.5, 2, 2), (1.7, 2, 3), (0.0, 5, 5)]
-)
+@pytest.mark.parametrize(("delay", "wanted", "winners"), [(0.0, 2, 2), (1.5, 2, 2), (1.7, 2, 3), (0.0, 5, 5)])
 def test_a_race_ends_for_all_when_enough_have_arrived_and_who_comes_within_the_delay_wins(
     delay, wanted, winners
 ):

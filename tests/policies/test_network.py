@@ -105,7 +105,9 @@ def test_a_network_fits_a_sensor_of_the_parameters_that_its_card_tells(tmp_path)
     policy = load_policy(tmp_path / "seeing.safetensors")
     assert policy.sensor == sensor
     policy.check_fits(World(sensor=sensor))
-    words = r"memory_with_neighbours\(k=1, range=2.0\) in each.*memory_with_neighbours\(k=1, range=3.0\) in each"
+    words = (
+        r"memory_with_neighbours\(k=1, range=2.0\) in each.*memory_with_neighbours\(k=1, range=3.0\) in each"
+    )
     with pytest.raises(PolicyError, match=words):
         policy.check_fits(World(sensor={**sensor, "range": 3}))
 
@@ -120,7 +122,9 @@ def test_a_network_fits_the_sensor_that_its_card_names():
     assert (make().sensor, make(20, 2, card={**CARD, "features": 5}).sensor) == ("memory", "memory_with_flow")
     with pytest.raises(PolicyError, match=r"12 numbers .*3 of compass in each.* world gives 8 .*2 of memory"):
         policy.check_fits(plain)
-    with pytest.raises(PolicyError, match="must state the sensor of 3 features by name, or type and parameters, got None"):
+    with pytest.raises(
+        PolicyError, match="must state the sensor of 3 features by name, or type and parameters, got None"
+    ):
         make(12, 2, card={"n_records": 4, "features": 3})
 
 

@@ -106,8 +106,8 @@ class Parameters(Checked):
         """Raises ValueError where what cells share does not go with the rest."""
         if self.is_shared and len(set(self.clock.intervals)) > 1:
             raise ValueError(
-                "interval_rule must be 'common' where cells share a medium, interact, race or sense others, so "
-                f"that all decide at the same moments, got {self.interval_rule!r} with {self.clock.intervals}"
+                "interval_rule must be 'common' where cells share a medium, interact, race or sense others, "
+                f"so that all decide at the same moments, got {self.interval_rule!r} with {self.clock.intervals}"
             )
         if self.first_arrivals is not None and self.egg is None:
             raise ValueError(f"first_arrivals must go with a field that has an egg, got {self.field!r}")
