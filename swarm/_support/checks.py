@@ -150,7 +150,13 @@ class Checked:
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):  # type: ignore[arg-type]
             if check := item.metadata.get("check"):
-                object.__setattr__(self, item.name, check(item.name, getattr(self, item.name)))
+                value = getattr(self, item.name)
+                try:
+                    object.__setattr__(self, item.name, check(item.name, value))
+                except ArithmeticError:
+                    raise ValueError(
+                        f"{item.name} must be of numbers that do not overflow, got {value!r}"
+                    ) from None
 
 
 def check_cells(name: str, rule: str, value: Array, good: Array) -> None:

@@ -14,7 +14,17 @@ import numpy as np
 
 Population = Literal["training", "validation", "test"]
 Purpose = Literal[
-    "start", "past", "noise", "policy", "exploration", "replay", "network", "bootstrap", "spread", "bindings"
+    "start",
+    "past",
+    "noise",
+    "policy",
+    "exploration",
+    "replay",
+    "network",
+    "bootstrap",
+    "spread",
+    "bindings",
+    "records",
 ]
 
 _POPULATIONS = {name: number for number, name in enumerate(get_args(Population))}

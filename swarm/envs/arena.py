@@ -14,7 +14,7 @@ from gymnasium.logger import warn
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
 from swarm._support.checks import check_count, check_name
-from swarm.physics.starts import Draws, SpreadStarts, Starts, draw_starts, noise_of
+from swarm.physics.starts import Draws, SpreadStarts, Starts, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
 
 RENDER_MODES = ["human", "rgb_array"]
@@ -91,7 +91,8 @@ class Arena:
         options = options or {}
         position = self._option(options, "position", starts.position)
         heading = self._option(options, "heading", starts.heading)
-        state = self.world.start(position, heading, starts.past, self._factors(starts))
+        noise = self._record_noise(seed, episode)
+        state = self.world.start(position, heading, starts.past, self._factors(starts), noise)
         observation = self.world.observation(state)
         gain = np.zeros(self.n_swimmers, self.dtype)
         self._check_finite(state, observation, gain)
@@ -147,11 +148,17 @@ class Arena:
             starts = self._starts(self.seed, episode)
             position = self._option(options, "position", starts.position)
             heading = self._option(options, "heading", starts.heading)
-            begun = self.world.start(position, heading, starts.past, self._factors(starts)), starts.past[:, 0]
+            further = self._factors(starts), self._record_noise(self.seed, episode)
+            begun = self.world.start(position, heading, starts.past, *further), starts.past[:, 0]
             if given:
                 return begun
             self._fresh[episode] = begun
         return self._fresh[episode]
+
+    def _record_noise(self, seed: int, episode: int) -> np.ndarray | None:
+        cells = self.n_swimmers
+        noise = draw_record_noise(self.world, cells, seed, population=POPULATION, episode=episode)
+        return None if noise is None else noise.astype(self.dtype)
 
     def _factors(self, starts: Starts) -> np.ndarray | None:
         given: Any = starts

@@ -18,7 +18,7 @@ from swarm._support.arrays import namespace, where_chosen
 from swarm._support.checks import check_count, check_name
 from swarm._support.compiler import compiled
 from swarm.envs.arena import make_world, with_parameters
-from swarm.physics.starts import Draws, draw_starts, noise_of
+from swarm.physics.starts import Draws, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
 
 GROUP = "swimmers"
@@ -126,17 +126,23 @@ class SwarmEnv(EnvBase):
         position = np.zeros((self.n_worlds, self.n_swimmers, 2))
         heading = np.zeros((self.n_worlds, self.n_swimmers))
         past = np.zeros((self.n_worlds, self.n_swimmers, self.world.n_records), np.int64)
-        factors = np.ones_like(position)
+        factors, noise = np.ones_like(position), np.zeros(past.shape)
         cells = self.n_worlds // len(self.seeds) * self.n_swimmers  # of each seed
         blocks = np.split(np.arange(self.n_worlds), len(self.seeds))
         for seed, block in zip(self.seeds, blocks, strict=True):
             for episode in np.unique(self.episode[block[chosen[block]]]).tolist():
                 members = block[chosen[block] & (self.episode[block] == episode)]
-                starts = draw_starts(self.world, cells, seed, population=self.population, episode=episode)
-                for whole, part in zip((position, heading, past, factors), starts, strict=False):
+                where: dict[str, Any] = {"population": self.population, "episode": episode}
+                starts: list[Any] = [*draw_starts(self.world, cells, seed, **where)]
+                starts += [np.ones((cells, 2))] if self.world.spread is None else []
+                numbers = draw_record_noise(self.world, cells, seed, **where)
+                starts += [] if numbers is None else [numbers]
+                for whole, part in zip((position, heading, past, factors, noise), starts, strict=False):
                     whole[members] = part.reshape(len(block), *whole.shape[1:])[members - block[0]]
-        drawn = (position, heading, past) if self.world.spread is None else (position, heading, past, factors)
-        return self._begin(self.world.start(*map(self._array, drawn)), chosen)
+        further = {} if self.world.spread is None else {"factors": self._array(factors)}
+        further |= {"noise": self._array(noise)} if self.world.concentration_noise > 0 else {}
+        fresh = self.world.start(*map(self._array, (position, heading, past)), **further)
+        return self._begin(fresh, chosen)
 
     def place(self, position: Tensor, heading: Tensor, past: Tensor) -> Tensor:
         """Start every cell at given poses (worlds, cells, ...); returns the observations."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarm._support import files
+from swarm.figures.style import in_domain
 from swarm.physics.world import World
 from swarm.population.results import world_of
 
@@ -75,9 +76,9 @@ def _background(results: xr.Dataset, world: World, shown: int) -> dict[str, Any]
     x, y = (np.linspace(low[i], high[i], size[i]) for i in (0, 1))
     places = np.stack(np.meshgrid(x, y), axis=-1).astype(np.float64)
     if world.in_flow:
-        values = np.linalg.norm(world.flow.velocity(places), axis=-1)
+        values = in_domain(world, lambda at: np.linalg.norm(world.flow.velocity(at), axis=-1), places)
     else:
-        values = np.asarray(world.field.concentration(places))
+        values = in_domain(world, world.field.concentration, places)
     values = np.nan_to_num(values, nan=float(np.nanmin(values)))
     span = float(np.ptp(values)) or 1.0
     pixels = np.round(255 * (values - values.min()) / span)

@@ -102,7 +102,9 @@ def _flow_panels(results: xr.Dataset, world: World, policies: Sequence[str], cel
     figure.set_size_inches(style.WIDTH, min(9.0, max(2.6, width * (top - bottom) / (right - left) + 0.8)))
 
     def flow_speed(position: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(world.flow.velocity(position), axis=-1)
+        return style.in_domain(
+            world, lambda places: np.linalg.norm(world.flow.velocity(places), axis=-1), position
+        )
 
     for axes in panels:
         axes.set_aspect("equal", adjustable="box")

@@ -21,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
 from PIL import Image
 
-from swarm.figures.style import in_style
+from swarm.figures.style import in_domain, in_style
 from swarm.physics.world import World
 
 SIZE = 720  # of the square that shows the world [pixels]
@@ -157,7 +157,7 @@ class Scene:
         world = self.world
         offsets = ((np.arange(GRID) + 0.5) / GRID - 0.5) * camera.width
         grid = np.stack(np.meshgrid(camera.x + offsets, camera.y - offsets), axis=-1)
-        concentration = np.nan_to_num(np.asarray(world.field.concentration(grid), float))
+        concentration = np.nan_to_num(in_domain(world, world.field.concentration, grid).astype(float))
         shown = np.abs(self._flow(grid)) if world.in_flow else concentration
         known = np.ones(shown.shape, bool)
         for inside in world.domains:
@@ -212,7 +212,10 @@ class Scene:
                 self._write(LEFT + 28, row, _signed(f"{value:g}"), va="center_baseline")
 
     def _flow(self, grid: np.ndarray) -> np.ndarray:
-        return np.nan_to_num(np.asarray(self.world.flow.velocity(grid), float)) @ [1, 1j]
+        def velocity(places: np.ndarray) -> np.ndarray:
+            return np.asarray(self.world.flow.velocity(places), float) @ [1, 1j]
+
+        return np.nan_to_num(in_domain(self.world, velocity, grid))
 
     # --- what moves ---
 

@@ -141,6 +141,19 @@ def frame(axes: Axes, *, square: bool = False, narrowest: float = 0.45) -> None:
     axes.set(xlim=(x - width / 2, x + width / 2), ylim=(y - height / 2, y + height / 2))
 
 
+def in_domain(world: World, quantity: Callable[[np.ndarray], Any], places: np.ndarray) -> np.ndarray:
+    """A quantity (...) of places (..., 2), NaN outside the domain, where it is not asked for."""
+    known = np.ones(places.shape[:-1], bool)
+    for inside in world.domains:
+        known &= np.asarray(inside(places))
+    if known.all():
+        return np.asarray(quantity(places))
+    found = np.asarray(quantity(places[known])) if known.any() else np.zeros(0)
+    values = np.full(known.shape, np.nan, np.result_type(found, np.float32))
+    values[known] = found
+    return values
+
+
 def shade(
     axes: Axes,
     quantity: Callable[[np.ndarray], np.ndarray],
@@ -167,7 +180,8 @@ def shade(
 
 def shade_concentration(panels: Sequence[Axes], world: World) -> None:
     """Shades the panels, all on one scale, by the concentration."""
-    images = [shade(axes, world.field.concentration, DARK_IS_HIGH) for axes in panels]
+    concentration = functools.partial(in_domain, world, world.field.concentration)
+    images = [shade(axes, concentration, DARK_IS_HIGH) for axes in panels]
     span = min(image.norm.vmin for image in images), max(image.norm.vmax for image in images)
     for image in images:
         image.set_clim(*span)

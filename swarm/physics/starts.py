@@ -38,22 +38,24 @@ def draw_starts(
 ) -> Starts:
     """Starts uniform in the world's box and in heading, with a random past, in float64.
 
-    Poses are the same for every N_T. Starts within reach of the egg are drawn again. Raises ValueError where
-    the box leaves no room outside the egg.
+    Poses are the same for every N_T. Starts within reach of the egg or outside the domain are drawn again; a
+    past that leaves the domain is cut short, see `World.start`. Raises ValueError where the box leaves no
+    room.
     """
     check_count("cells", cells)
     streams.check_seed(seed)
     poses = _draw_poses(world, cells, streams.generator(population, "start", seed, episode))
     for attempt in range(1, _ATTEMPTS):
         taken = _in_egg(world, poses[:, :2])
+        for inside in world.domains:
+            taken = taken | ~np.asarray(inside(poses[:, :2]))
         if not taken.any():
             break
         again = _draw_poses(world, cells, streams.generator(population, "start", seed, episode, attempt))
         poses = np.where(taken[:, None], again, poses)
     else:
-        raise ValueError(
-            f"start_box must leave room outside the egg (position, radius) = {world.egg}, got {world.box}"
-        )
+        rule = "outside the egg (position, radius)" if world.egg else "in the domain of field and flow, egg"
+        raise ValueError(f"start_box must leave room {rule} = {world.egg}, got {world.box}")
     pasts = streams.generator(population, "past", seed, episode)
     past = pasts.integers(world.n_actions, size=(cells, world.n_records))
     starts = Starts(poses[:, :2].copy(), poses[:, 2].copy(), past)
@@ -79,6 +81,18 @@ def draw_worlds(
 def noise_of(world: World) -> Callable[..., np.ndarray]:
     """What draws the numbers (cells, decisions, channels) that `World.step` takes as noise."""
     return draw_noise if world.binding_rate is None else draw_noise_and_bindings
+
+
+def draw_record_noise(
+    world: World, cells: int, seed: int, *, population: streams.Population = "test", episode: int = 0
+) -> np.ndarray | None:
+    """Standard normal numbers (cells, N_T) for the records that a life begins with; None where they are
+    exact.
+    """
+    if world.concentration_noise == 0:
+        return None
+    generator = streams.generator(population, "records", seed, episode)
+    return generator.standard_normal((cells, world.n_records))
 
 
 def draw_noise(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:

@@ -28,7 +28,7 @@ from swarm.physics.world import State, World
 from swarm.policies.policy import AnyPolicy, begin, check_policy, decide
 from swarm.population.contest import memory_needed
 from swarm.population.results import settings
-from swarm.population.rollout import chances
+from swarm.population.rollout import chances, started
 from swarm.population.statistics import share_interval
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ def _race(
 ) -> tuple[State, np.ndarray]:
     """The state (worlds, cells) at the end of all lives, and the gains."""
     starts = draw_worlds(world, steered_by.shape[1], seed, episodes.tolist())
-    state = world.start(*starts)
+    state = started(world, starts, seed, episode=episodes)
     numbers = chances(world, steered_by.shape, seed, episode=episodes)
     carries = [begin(view.policy, view.world, view.of(state)) for view in views]
     gain = np.zeros(steered_by.shape)

@@ -18,7 +18,7 @@ from swarm.policies.policy_file import POLICY_FILE, PolicyError
 from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
 from swarm.population.contests import contest, race_in
-from swarm.population.results import RIVAL, pooled
+from swarm.population.results import RIVAL, data_of, pooled
 from swarm.population.statistics import statistics
 
 if TYPE_CHECKING:
@@ -155,6 +155,8 @@ def summarise(
     }
     if "world" in results.sizes:
         summary["worlds"] = results.sizes["world"]
+    if data := data_of(results):
+        summary["data"] = data
     if results["arrived"].values.any():
         summary["arrived"] = int(results["arrived"].sel(policy=label).sum())
     return summary

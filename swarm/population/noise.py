@@ -35,6 +35,7 @@ class Kind(NamedTuple):
 KINDS = {
     "concentration": Kind("concentration_noise", "noise of the sensed concentration", "concentration"),
     "curvature": Kind("curvature_noise", "noise of the curvature", "1/length"),
+    "bending": Kind("curvature_diffusion", "diffusion by the curvature", "rad^2/time"),
     "rotation": Kind("rotational_diffusion", "rotational diffusion", "rad^2/time"),
 }
 COLUMNS: dict[str, str] = {  # of the table: what each of them says

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarm._support import files
+from swarm.physics.grids import hdf5
 from swarm.physics.starts import Starts
 from swarm.physics.world import World
 from swarm.physics.world.rules import PARTS
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 RIVAL = "greedy"  # the policy that every other is compared with
 MAX_FILE = 2**30  # [bytes] of a results file
+MAX_TEXTS = 2**22  # [bytes] of its names and attributes
 
 Column = tuple[tuple[str, ...], type, str, str]
 LIVES: dict[str, Column] = {  # name: dimensions after (policy, cell), dtype, units, long name
@@ -124,6 +126,17 @@ def settings(world: World) -> dict[str, Any]:
     return world.described()
 
 
+def data_of(results: xr.Dataset) -> dict[str, Any]:
+    """What the gridded field and flow of results were made from, as their world tells it: file, checksum,
+    shape, edges, scales.
+    """
+    try:
+        parts = json.loads(results.attrs["world"])
+        return {name: parts[name] for name in ("field", "flow") if "sha256" in parts[name]}
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return {}
+
+
 def world_of(results: xr.Dataset) -> World:
     """The world that results were made in; raises ResultsError where its field or flow is a user's own, or
     its data are not where they were."""
@@ -136,8 +149,9 @@ def world_of(results: xr.Dataset) -> World:
             kind = stored[name]["type"]
             stored[name] = {**stored[name], "type": names.get(kind, kind)}
         return World(**stored)
-    except (KeyError, TypeError, ValueError, AttributeError, OSError) as error:
-        raise ResultsError(f"results must state the world they were made in, got {error}") from None
+    except Exception as error:  # a stranger's settings fail in any way
+        reason = " ".join(str(error).split())[:300] or type(error).__name__
+        raise ResultsError(f"results must state the world they were made in, got {reason}") from None
 
 
 def save_population(results: xr.Dataset, path: str | os.PathLike) -> None:
@@ -174,25 +188,23 @@ def _check_header(file: Path, size: int) -> None:
     import h5py
 
     known, announced = {*STARTS, *LIVES, *SERIES, *_COORDINATES}, 0
-    with h5py.File(file, "r") as opened:
-        for name in opened:
-            if not isinstance(opened.get(name, getlink=True), h5py.HardLink):
+    with hdf5.opened(file) as stored:
+        for name in stored.names():
+            if not isinstance(stored.file.get(name, getlink=True), h5py.HardLink):
                 raise ResultsError(f"{name!r} must be stored in the file itself, got a link")
-            stored = opened[name]
-            if not isinstance(stored, h5py.Dataset) or name not in known:
+            item = stored.file[name]
+            if not isinstance(item, h5py.Dataset) or name not in known:
                 raise ResultsError(f"it must hold {', '.join(sorted(known))}, got {name!r}")
-            if stored.external or stored.is_virtual:
+            announced += math.prod(item.shape or ()) * item.dtype.itemsize
+            if announced > size or item.id.get_create_plist().get_nfilters():
                 raise ResultsError(
-                    f"{name!r} must be stored in the file itself, got a reference to another file"
+                    f"it must hold all of its numbers uncompressed, got {name!r} of shape {item.shape}"
                 )
-            announced += math.prod(stored.shape or ()) * stored.dtype.itemsize
-            if announced > size or stored.compression is not None:
-                raise ResultsError(
-                    f"it must hold all of its numbers uncompressed, got {name!r} of shape {stored.shape}"
-                )
-        missing = [name for name in ("gain", *STARTS) if name not in opened]
-    if missing:
-        raise ResultsError(f"it must hold {', '.join(missing)}")
+            hdf5.check_stored(name, item, size)
+        missing = [name for name in ("gain", *STARTS) if name not in stored.file]
+        if missing:
+            raise ResultsError(f"it must hold {', '.join(missing)}")
+        hdf5.check_texts([stored.file, *stored.file.values()], MAX_TEXTS)
 
 
 def _check_results(results: xr.Dataset) -> None:

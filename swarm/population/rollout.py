@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swarm._support import streams
-from swarm.physics.starts import Draws, Starts, draw_chance, noise_of
+from swarm.physics.starts import Draws, Starts, draw_chance, draw_record_noise, noise_of
 from swarm.physics.world import Outcome, State, World
 from swarm.policies.policy import AnyPolicy, begin, decide
 
@@ -34,7 +34,7 @@ def rollout(
     `population`'s seed and episode, cell by cell, whatever the policy. Starts (worlds, cells, …) are those of
     several worlds, one for each episode from `episode` on.
     """
-    state = world.start(*starts)
+    state = started(world, starts, seed, population=population, episode=episode)
     numbers = chances(world, starts.heading.shape, seed, population=population, episode=episode)
     carry = begin(policy, world, state)
     yield Moment(state, np.ones(starts.heading.shape, bool), None)
@@ -46,6 +46,25 @@ def rollout(
         yield Moment(state, alive, outcome)
         if state.finished.all():
             return
+
+
+def started(
+    world: World,
+    starts: Starts,
+    seed: int,
+    *,
+    population: streams.Population = "test",
+    episode: int | np.ndarray = 0,
+) -> State:
+    """The state at t = 0, its records with their noise; starts and episodes as of `chances`."""
+    cells = starts.heading.shape
+    noise = [
+        draw_record_noise(world, cells[-1], seed, population=population, episode=each)
+        for each in _episodes(cells, episode)
+    ]
+    if noise[0] is None:
+        return world.start(*starts)
+    return world.start(*starts, noise=np.reshape(np.stack(noise), (*cells, -1)))
 
 
 def chances(
@@ -61,8 +80,8 @@ def chances(
     `cells` may be (worlds, cells); each world's numbers are those of an episode of its own, by default one
     after the other from `episode` on.
     """
-    worlds = cells[0] if len(cells) > 1 else 1
-    episodes = episode if np.ndim(episode) else episode + np.arange(worlds)
+    episodes = np.array(_episodes(cells, episode))
+    worlds = len(episodes)
     drawn = [
         Draws(draw, (worlds, cells[-1]), (seed,) * worlds, population=population)
         for draw in (draw_chance, noise_of(world))[: 1 + world.has_noise]
@@ -74,3 +93,10 @@ def chances(
         return chance, noise[0] if noise else None
 
     return numbers
+
+
+def _episodes(cells: tuple[int, ...], episode: int | np.ndarray) -> list[int]:
+    """The episode of each world."""
+    if np.ndim(episode):
+        return [int(each) for each in np.asarray(episode)]
+    return [int(episode) + world for world in range(cells[0] if len(cells) > 1 else 1)]

@@ -14,7 +14,7 @@ from pettingzoo.utils import aec_to_parallel
 import swarm
 from swarm import sperm_swarm_v0
 from swarm.envs.pettingzoo import parallel_env
-from swarm.physics.starts import draw_noise, draw_starts
+from swarm.physics.starts import draw_noise, draw_record_noise, draw_starts
 
 PATHS = {
     "still water": {},
@@ -74,6 +74,7 @@ def test_the_arguments_are_those_that_were_promised():
         "concentration_noise": 0.0,
         "curvature_noise": 0.0,
         "rotational_diffusion": 0.0,
+        "curvature_diffusion": 0.0,
         "sensor": None,
         "reward": "own",
         "interactions": (),
@@ -131,7 +132,10 @@ def test_the_environment_steps_the_world_and_adds_nothing(env):
     world = env.world
     starts = draw_starts(world, 5, 3, population="training")
     dtype = env.arena.dtype
-    state = world.start(starts.position.astype(dtype), starts.heading.astype(dtype), starts.past)
+    noise = draw_record_noise(world, 5, 3, population="training")
+    noise = None if noise is None else noise.astype(dtype)
+    position, heading = starts.position.astype(dtype), starts.heading.astype(dtype)
+    state = world.start(position, heading, starts.past, noise=noise)
     observations, _ = env.reset(seed=3)
     np.testing.assert_array_equal(np.stack(list(observations.values())), world.observation(state))
     noise = draw_noise(3, 5, 64, population="training").astype(dtype)

@@ -144,6 +144,7 @@ NUMBERS = {
     "concentration_noise": "of at least 0",
     "curvature_noise": "of at least 0",
     "rotational_diffusion": "of at least 0",
+    "curvature_diffusion": "of at least 0",
 }
 
 

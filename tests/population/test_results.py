@@ -52,11 +52,36 @@ def test_a_users_own_field_cannot_be_made_again(tmp_path):
 
 @pytest.mark.parametrize(
     "stored",
-    ["", "[]", "{", '{"field": {"type": "os.system"}}', '{"field": 3, "flow": 4}', '{"n_records": 1e9}'],
+    [
+        *("", "[]", "{", '{"field": {"type": "os.system"}}', '{"field": 3, "flow": 4}', '{"n_records": 1e9}'),
+        *("[" * 100_000, '{"a":' * 100_000, np.arange(3), b"\xff", '{"life": 1e999}', '{"n_records": 9e99}'),
+        '{"flow": {"type": "taylor_green", "wavenumber": 1e300}}',
+        '{"flow": {"type": "vortex", "core": 1e-300}}',
+        '{"field": {"type": "diffusing_source", "core": 1e300}}',
+        '{"curvatures": [1e-300, 1e300]}',
+    ],
+    ids=lambda stored: str(stored)[:30],
 )
-def test_settings_that_make_no_world_are_refused(stored):
-    with pytest.raises(ResultsError):
+def test_settings_that_make_no_world_are_refused_in_one_line(stored):
+    with pytest.raises(ResultsError) as error:
         world_of(xr.Dataset(attrs={"world": stored}))
+    assert len(str(error.value).splitlines()) == 1
+    assert len(str(error.value)) < 400
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"flow": {"type": "taylor_green", "wavenumber": 1e300}},
+        {"flow": {"type": "shear", "height": 1e-300}},
+        {"flow": {"type": "vortex", "speed_scale": 1e200}},
+        {"field": {"type": "diffusing_source", "core": 1e300}},
+    ],
+    ids=str,
+)
+def test_numbers_that_overflow_are_refused_by_name(options):
+    with pytest.raises(ValueError, match=f"{next(iter(options))} must "):
+        World(**options)
 
 
 def edited(edit):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from swarm.physics.starts import NOISE_BLOCK, Draws, draw_chance, draw_noise, draw_starts
+from swarm.physics.starts import NOISE_BLOCK, Draws, draw_chance, draw_noise, draw_record_noise, draw_starts
 from swarm.physics.world import World
 from swarm.policies.policy import CarryingPolicy, Policy
 from swarm.policies.strategies import Random, Swinging
@@ -51,8 +51,9 @@ def test_a_life_goes_from_its_start_to_the_end_of_the_last_cell():
 
 def test_every_decision_takes_the_random_numbers_of_its_block_and_episode():
     world = World(life=25.0, **NOISY)
-    starts = draw_starts(world, 4, 5, population="validation", episode=2)
-    state = world.start(*starts)
+    where = {"population": "validation", "episode": 2}
+    starts = draw_starts(world, 4, 5, **where)
+    state = world.start(*starts, noise=draw_record_noise(world, 4, 5, **where))
     played = list(rollout(world, Random(), starts, 5, population="validation", episode=2))
     assert len(played) > NOISE_BLOCK + 2
     for decision, moment in enumerate(played[1:]):

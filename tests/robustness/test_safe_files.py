@@ -4,19 +4,26 @@ import ast
 import json
 import os
 import pickle
+import re
 import resource
 import struct
+import subprocess
 import sys
 import tracemalloc
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 import torch
 import typer
 
 from swarm import load_policy
 from swarm._support import files
+from swarm.physics.world import World
 from swarm.policies.policy_file import PolicyError
+from swarm.population.contest import population_test
+from swarm.population.results import save_population
 from tests.short_runs import short_settings, start, whole
 from trainers import cli
 from trainers.training import checkpoint as checkpoints
@@ -215,3 +222,169 @@ def test_nothing_that_could_run_what_it_reads_is_called(package):
             if name == "yaml.load":
                 assert arguments[1:] == ["_PlainLoader"], path
             assert "pickle" not in name, path
+
+
+# NetCDF files that announce little and cost much.
+
+TEXT, LONG = h5py.string_dtype(), 2**17
+
+
+def as_one_long_text(path, elements):
+    """Makes every text of a list of `elements` the one long text that the file holds once."""
+    data = bytearray(path.read_bytes())
+    places = [match.start() for match in re.finditer(re.escape(struct.pack("<I", LONG)), data)]
+    heaps = [struct.unpack("<Q", data[place + 4 : place + 12])[0] for place in places]
+    at = next(place for place, heap in zip(places, heaps, strict=True) if data[heap : heap + 4] == b"GCOL")
+    short = re.search(rb"(?:\x09\0{3}.{12}){%d}" % elements, data, re.DOTALL).start()
+    data[short : short + 16 * elements] = data[at : at + 16] * elements
+    path.write_bytes(data)
+
+
+def grid_file(path, item="c", name=None, value=None, dtype=None, **options):
+    with h5py.File(path, "w") as file:
+        for axis in "xy":
+            file[axis] = np.arange(8.0)
+            file[axis].make_scale(axis)
+        file.create_dataset("c", (8, 8), "f8", **options)
+        for dimension, axis in zip(file["c"].dims, "xy", strict=True):
+            dimension.attach_scale(file[axis])
+        if name is not None:
+            file[item].attrs.create(name, value, dtype=dtype)
+
+
+def shared_heap(path, item="c", name="units"):
+    grid_file(path, item, name, ["a" * 9] * 3000, TEXT)
+    with h5py.File(path, "a") as file:
+        file.attrs.create("long", "a" * LONG, dtype=TEXT)
+    as_one_long_text(path, 3000)
+
+
+def population_file(path):
+    save_population(population_test(World(), {}, cells=2, life=2, limit=False, record=False), path)
+
+
+def shared_heap_of_policies(path, of=2000):
+    population_file(path)
+    with h5py.File(path, "a") as file:
+        del file["policy"]
+        file.create_dataset("policy", data=["a" * 9] * of, dtype=TEXT)
+        file.attrs.create("long", "a" * LONG, dtype=TEXT)
+        file["gain"].dims[0].attach_scale(file["policy"])
+    as_one_long_text(path, of)
+
+
+def with_attribute(path, name, value, dtype=None):
+    population_file(path)
+    with h5py.File(path, "a") as file:
+        file.attrs.create(name, value, dtype=dtype)
+
+
+def shared_heap_of_attribute(path):
+    with_attribute(path, "versions", ["a" * 9] * 3000, TEXT)
+    with h5py.File(path, "a") as file:
+        file.attrs.create("long", "a" * LONG, dtype=TEXT)
+    as_one_long_text(path, 3000)
+
+
+def scaled_chunk(path):
+    population_file(path)
+    with h5py.File(path, "a") as file:
+        del file["gain"]
+        file.create_dataset("gain", (2, 2), "i4", maxshape=(None, None), chunks=(2**14, 2**14), scaleoffset=0)
+
+
+def many_names(path):
+    with h5py.File(path, "w", libver="latest") as file:
+        for number in range(3000):
+            file.create_group(f"{number}")
+
+
+CHUNK = {"maxshape": (None, None), "chunks": (2**14, 2**13)}  # a gigabyte of numbers
+COSTLY = {
+    "field": {
+        "a text 3000 times": (shared_heap, "attribute units must have at most 1 values, got 3000"),
+        "a name 3000 times": (lambda path: shared_heap(path, "x", "NAME2"), ""),
+        "a period 3000 times": (lambda path: shared_heap(path, "x", "period"), "attribute period must"),
+        "a long text": (lambda path: grid_file(path, "c", "units", "m" * 2**25, TEXT), "pieces of at most"),
+        "numbers": (
+            lambda path: grid_file(path, "c", "scale_factor", np.ones(7000)),
+            "scale_factor must have at most 16",
+        ),
+        "unpacked by scaleoffset": (
+            lambda path: grid_file(path, **CHUNK, scaleoffset=2),
+            "c must be packed by deflate.*, got the filter scaleoffset",
+        ),
+        "a large chunk": (
+            lambda path: grid_file(path, **CHUNK, compression="gzip"),
+            "c must be stored in chunks of at most 67108864 bytes, got 1073741824",
+        ),
+        "many names": (many_names, "it must hold at most 1000 variables, got 3000"),
+    },
+    "population": {
+        "a text 3000 times": (shared_heap_of_attribute, "attribute versions must have at most 1 values"),
+        "a policy 2000 times": (shared_heap_of_policies, "must hold at most 1000 texts, got 2000"),
+        "a policy 900 times": (
+            lambda path: shared_heap_of_policies(path, 900),
+            "must have at most 4194304 bytes",
+        ),
+        "a long text": (lambda path: with_attribute(path, "title", "m" * 2**25, TEXT), "pieces of at most"),
+        "unpacked by scaleoffset": (scaled_chunk, "it must hold all of its numbers uncompressed, got 'gain'"),
+        "many names": (many_names, "it must hold at most 1000 variables, got 3000"),
+        "nested settings": (lambda path: with_attribute(path, "world", "[" * 100_000, TEXT), "world_of"),
+    },
+}
+READ = """
+import re, resource
+import h5netcdf, h5py, xarray
+from pathlib import Path
+from swarm.physics.fields import GriddedField
+from swarm.population.results import load_population, world_of
+
+def peak():  # [KiB]; what Linux says of resources begins with the parent's
+    status = Path("/proc/self/status")
+    if status.exists():
+        return int(re.search(r"VmHWM:\\s+(\\d+)", status.read_text())[1])
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+
+for kind in ("field", "population"):
+    for path in sorted(Path(kind).iterdir()):
+        before = peak()
+        try:
+            if {naive} and path.name != 'a text 3000 times':
+                continue
+            if {naive}:
+                with h5py.File(path) as file:
+                    for item in (file, *file.values()):
+                        [item.attrs[name] for name in item.attrs]
+            elif kind == "field":
+                GriddedField(path, edges="clamped", variable="c", gradient_scale=1.0)
+            else:
+                world_of(load_population(path))
+            said = "read"
+        except ValueError as error:
+            said = str(error)
+        print(kind, path.name, peak() - before, said, sep="|")
+"""
+
+
+def test_files_that_cost_much_are_refused_before_they_do():
+    for kind, files_of in COSTLY.items():
+        Path(kind).mkdir()
+        for name, (write, _) in files_of.items():
+            write(Path(kind) / name)
+            assert (Path(kind) / name).stat().st_size < 2**27
+
+    def read(naive):
+        code = READ.replace("{naive}", str(naive))
+        run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        return [line.split("|", 3) for line in run.stdout.splitlines()]
+
+    assert max(int(cost) for _, _, cost, _ in read(True)) > 2**18  # KiB: they do cost as much
+    lines = read(False)
+    assert len(lines) == sum(map(len, COSTLY.values()))
+    for kind, name, cost, said in lines:
+        words = COSTLY[kind][name][1].replace(
+            "world_of", "results must state the world they were made in, got"
+        )
+        assert re.search(words or "read", said), (kind, name, said)
+        assert int(cost) < 2**17, (kind, name, cost)  # KiB

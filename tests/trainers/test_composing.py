@@ -127,6 +127,11 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
         ("hydra.job.chdir=true", "of Hydra's own keys only hydra.run.dir=DIR may be given"),
         ("hydra/launcher=joblib", "of Hydra's own keys only hydra.run.dir=DIR may be given"),
         ("+hydra.verbose=true", "of Hydra's own keys"),
+        ("hydra={searchpath:[/tmp]}", "of Hydra's own keys"),
+        ("++hydra={run:{dir:a}}", "of Hydra's own keys"),
+        ("~hydra", "of Hydra's own keys"),
+        ("hydra@there=basic", "of Hydra's own keys"),
+        ("'hydra'={searchpath:[a]}", "of Hydra's own keys"),
     ],
 )
 def test_a_bad_word_says_what_is_wrong(word, said):

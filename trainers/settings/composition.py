@@ -86,7 +86,7 @@ def settings_from(words: Sequence[str] = ()) -> Settings:
 
 def key_of(word: str) -> str:
     """The key of a `key=value` word; raises SettingsError where it is none."""
-    if re.match(r"\W*hydra[./]", word):
+    if re.match(r"\W*hydra(\W|$)", word):
         raise SettingsError(f"of Hydra's own keys only hydra.run.dir=DIR may be given, got {word!r}")
     if not (match := re.match(r"([A-Za-z_][\w.]*)=", word)):
         raise SettingsError(f"a setting must be written key=value, got {word!r}")

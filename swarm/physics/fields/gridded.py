@@ -10,28 +10,41 @@ import numpy as np
 from swarm._support.arrays import Array
 from swarm._support.checks import check_number, check_pair
 from swarm.physics.fields.field import FIELDS
-from swarm.physics.grids.grid import Interpolant, check_units, read_grid
+from swarm.physics.grids.axes import SPACING_TOLERANCE
+from swarm.physics.grids.grid import Reading, read_grid
+from swarm.physics.grids.interpolant import NEGLIGIBLE, Interpolant
+from swarm.physics.grids.units import check_units
 
 
 @FIELDS.register("gridded", data="path")
 class GriddedField(Interpolant):
     """A concentration field interpolated from values on a regular grid with coordinates x and y: an xarray
-    Dataset or DataArray, or a NetCDF-4 file.
+    Dataset or DataArray, a NetCDF-4 file, or bare arrays by name (values over (x, y), or (time, x, y)).
 
-    `edges` says what lies beyond the grid: "periodic", it repeats one spacing after its last point;
-    "clamped", it ends there, and a cell that leaves is truncated. `interpolation` is "cubic" (smooth, fourth
-    order) or "linear" (second). Without a `gradient_scale` c_k is measured: the root mean square of |∇c| over
-    the grid. `variable` may be left out where the data hold only one. `sha256` and `shape`, as runs and
-    results record them, must be those of the file and its grid. Raises TypeError, ValueError or OSError that
-    names the variable, the rule and the value.
+    `edges`, of both axes or each (`("periodic", "clamped")`, or by name), says what lies beyond the grid:
+    "periodic", it repeats, after `period` [length] where that is stated (here, or as the attribute `period`
+    or `modulo` of a coordinate), else one spacing after its last point; "clamped", it ends there, and a cell
+    that leaves is truncated. `interpolation` is "cubic" (smooth, fourth order) or "linear" (second). Points
+    may be off by `spacing_tolerance` of the spacing. `fill` says what holes in the data (NaN) are: "inside",
+    outside the domain; "nearest", as the nearest value; "zero". Data with an axis `time` are linear in time;
+    `outside_time` says what holds outside it, "held" or an "error", and `at(time)` is the field at a time.
+
+    Without a `gradient_scale` c_k is measured: the root mean square of |∇c| over the grid (and time).
+    `variable` may be left out where the data hold only one. `sha256` and `shape`, as runs and results record
+    them, must be those of the data and their grid. Raises TypeError, ValueError or OSError that names the
+    variable, the rule and the value.
     """
 
     def __init__(
         self,
         data: Any,
         *,
-        edges: str,
+        edges: Any,
         interpolation: str = "cubic",
+        period: Any = None,
+        spacing_tolerance: float = SPACING_TOLERANCE,
+        fill: str | None = None,
+        outside_time: str | None = None,
         variable: str | None = None,
         gradient_scale: float | None = None,
         egg_position: tuple[float, float] = (0.0, 0.0),
@@ -40,21 +53,24 @@ class GriddedField(Interpolant):
         shape: Sequence[int] | None = None,
     ) -> None:
         names = None if variable is None else [variable]
-        grid = read_grid(data, names, edges=edges, interpolation=interpolation, sha256=sha256)
-        super().__init__(grid, edges, interpolation, shape)
+        reading = Reading(edges, interpolation, period, spacing_tolerance, fill, outside_time).checked()
+        grid = read_grid(data, names, reading, sha256)
+        super().__init__(grid, reading, shape)
         self.length_unit = check_units(grid.units)
         if gradient_scale is None:
             _, slope_x, slope_y = self.spline.at_points()
-            gradient_scale = float(np.sqrt(np.mean(slope_x**2 + slope_y**2)))
-            if not gradient_scale > 0:
+            gradient_scale = float(np.sqrt(np.mean((slope_x**2 + slope_y**2)[..., grid.known])))
+            if gradient_scale <= NEGLIGIBLE * np.abs(grid.values).max() / min(grid.lattice.spacing):
                 raise ValueError("gradient_scale must be given where the field has no gradient, got None")
         self.gradient_scale = check_number("gradient_scale", gradient_scale, above=0.0)
         _, slopes = self.spline.bounds()
         self.max_gradient = float(np.hypot(*slopes[0]))
+        if grid.times is not None:
+            self.max_rate = float(self.spline.rates(grid.times)[0])
         self.egg_position = check_pair("egg_position", egg_position)
         self.egg_radius = None if egg_radius is None else check_number("egg_radius", egg_radius, above=0.0)
         self._numbers = {"variable": grid.names[0], "gradient_scale": self.gradient_scale}
         self._numbers |= {"egg_position": self.egg_position, "egg_radius": self.egg_radius}
 
     def concentration(self, position: Array) -> Array:
-        return self.spline(position[..., 0], position[..., 1])[0]
+        return self.spline(*self._places(position))[0]

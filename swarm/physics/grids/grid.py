@@ -1,63 +1,124 @@
-"""Quantities on a regular grid: what data must be to be one, and what fields and flows make of it."""
+"""Quantities on a regular grid: what data must be to be one."""
 
 from __future__ import annotations
 
+import hashlib
 import os
-import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from swarm._support import files
-from swarm._support.arrays import Array
-from swarm._support.checks import check_name
-from swarm.physics.grids.netcdf import AXES, MAX_VALUES, checksum, open_netcdf
-from swarm.physics.grids.spline import MIN_POINTS, Lattice, Spline
+from swarm._support.checks import check_name, check_number, optional
+from swarm.physics.grids import axes
+from swarm.physics.grids.bare import labelled
+from swarm.physics.grids.hdf5 import as_text
+from swarm.physics.grids.holes import FILLS, filled, whole_cells
+from swarm.physics.grids.netcdf import COORDINATES, MAX_VALUES, checksum, open_netcdf
+from swarm.physics.grids.spline import MIN_POINTS, Lattice
+from swarm.physics.grids.units import AXES, TIME
 
 EDGES = ("periodic", "clamped")
+OUTSIDE = ("error", "held")
+
+
+class Reading(NamedTuple):
+    """How data are read; see `GriddedField`."""
+
+    edges: Any
+    interpolation: str = "cubic"
+    period: Any = None
+    spacing_tolerance: float = axes.SPACING_TOLERANCE
+    fill: str | None = None
+    outside_time: str | None = None
+
+    def checked(self) -> Reading:
+        """With edges and period for each axis; raises ValueError or TypeError for what is not known."""
+        edges = axes.per_axis("edges", self.edges, lambda name, value: check_name(name, value, EDGES))
+        check_name("interpolation", self.interpolation, MIN_POINTS)
+        number = optional(check_number)
+        period = axes.per_axis("period", self.period, lambda name, value: number(name, value, above=0.0))
+        once = self.period is None or isinstance(self.period, (int, float))
+        for axis, edge, length in zip(AXES, edges, period, strict=True):
+            if length is not None and edge != "periodic" and (not once or "periodic" not in edges):
+                raise ValueError(f"period along {axis} must be None, whose edges are {edge}, got {length:g}")
+        tolerance = check_number("spacing_tolerance", self.spacing_tolerance, at_least=0.0)
+        if tolerance >= 0.5:
+            raise ValueError(f"spacing_tolerance must be below 0.5, got {tolerance:g}")
+        for name, known in (("fill", FILLS), ("outside_time", OUTSIDE)):
+            optional(check_name)(name, getattr(self, name), known=known)
+        return self._replace(edges=edges, period=period, spacing_tolerance=tolerance)
+
+    def parameters(self) -> dict[str, Any]:
+        """As they are recorded: what is the same for all axes once."""
+        told = self._asdict()
+        for name in ("edges", "period"):
+            told[name] = told[name][0] if len(set(told[name])) == 1 else list(told[name])
+        return told
 
 
 class Grid(NamedTuple):
     """Quantities on a lattice, as they were read and checked."""
 
     names: tuple[str, ...]  # of the quantities
-    values: np.ndarray  # (quantities, nx, ny) float64
+    values: np.ndarray  # (quantities, times, nx, ny) float64
     lattice: Lattice
-    units: dict[str, str]  # of x, y and the quantities, where they are stated
+    times: np.ndarray | None  # (times,) rising; None for what does not change
+    known: np.ndarray  # (nx, ny) bool: where the values are the data's, at all times
+    whole: np.ndarray | None  # bool, which grid cells make up the domain; None for all
+    units: dict[str, str]  # of coordinates and quantities, where they are stated
     path: str | None  # of the file; None for data in memory
-    sha256: str | None  # of the file
+    sha256: str  # of the file; of data in memory that of their numbers
+
+    @property
+    def shape(self) -> list[int]:
+        """Points in time, where it has some, along x and along y."""
+        return [*(() if self.times is None else (len(self.times),)), *self.lattice.shape]
 
 
-def read_grid(
-    data: Any, names: Sequence[str] | None, *, edges: str, interpolation: str, sha256: str | None
-) -> Grid:
-    """The quantities `names` of an xarray Dataset, a DataArray or a NetCDF-4 file.
+def read_grid(data: Any, names: Sequence[str] | None, reading: Reading, sha256: str | None) -> Grid:
+    """The quantities `names` of an xarray Dataset, a DataArray, a NetCDF-4 file, or bare arrays by name.
 
-    Without `names` there must be one quantity only; with `sha256` the file must have that checksum. Raises
+    Without `names` there must be one quantity only; with `sha256` the data must have that checksum. Raises
     ValueError, TypeError or OSError that names the variable, the rule and what is there instead.
     """
-    check_name("edges", edges, EDGES)
-    check_name("interpolation", interpolation, MIN_POINTS)
     path = str(files.expanded(data)) if isinstance(data, (str, os.PathLike)) else None
     found = None if path is None else checksum(path)
-    if sha256 not in (None, found):
+    if found is not None and sha256 not in (None, found):
         raise ValueError(f"data must be the file {path} with SHA-256 {sha256}, got one with {found}")
     arrays = _arrays(data if path is None else open_netcdf(path, names), names)
-    first = next(iter(arrays.values()))
     for name, array in arrays.items():
         _check_array(name, array)
-    origin, spacing = zip(*(_regular(first[axis], interpolation) for axis in AXES), strict=True)
-    rising = [array.transpose(*AXES).sortby(list(AXES)).values for array in arrays.values()]
-    values = np.stack([np.asarray(quantity, np.float64) for quantity in rising])
-    lattice = Lattice(origin, spacing, values.shape[1:], edges == "periodic")
-    _check_finite(list(arrays), values, lattice)
-    if lattice.periodic:
-        _check_period(list(arrays), values)
-    stated = {axis: first[axis].attrs.get("units") for axis in AXES}
-    stated |= {name: array.attrs.get("units") for name, array in arrays.items()}
-    units = {name: str(unit) for name, unit in stated.items() if unit is not None}
-    return Grid(tuple(arrays), values, lattice, units, path, found)
+    arrays = {name: _ordered(array) for name, array in arrays.items()}
+    times = _times(arrays, reading)
+    first = next(iter(arrays.values()))
+    values = np.stack([_over_time(array, 1 if times is None else len(times)) for array in arrays.values()])
+    lattice, values = _lattice(arrays, values, reading)
+    known = np.isfinite(values)
+    if not known.all():
+        if reading.fill is None:
+            _raise_hole(list(arrays), values, known, lattice)
+        values = filled(values, reading.fill, lattice.spacing, lattice.periodic)
+    everywhere = known.all(axis=(0, 1)) if reading.fill == "inside" else np.ones(lattice.shape, bool)
+    whole = None if everywhere.all() else whole_cells(everywhere, lattice.periodic)
+    if whole is not None and not whole.any():
+        raise ValueError(f"{', '.join(arrays)} must be finite at all corners of a grid cell, got none such")
+    number = found or _digest(values, known, lattice, times)
+    if sha256 not in (None, number):
+        raise ValueError(f"data must have the SHA-256 {sha256}, got {number}")
+    labelled = {name: first[name] for name in first.coords if name in COORDINATES} | arrays
+    units = {str(name): as_text(array.attrs.get("units")) for name, array in labelled.items()}
+    stated = {name: text for name, text in units.items() if text.strip()}
+    return Grid(tuple(arrays), values, lattice, times, everywhere, whole, stated, path, number)
+
+
+def _digest(values: np.ndarray, known: np.ndarray, lattice: Lattice, times: np.ndarray | None) -> str:
+    about = (lattice.origin, lattice.spacing, values.shape, None if times is None else times.tolist())
+    digest = hashlib.sha256(repr(about).encode())
+    for numbers in (values.astype("<f8"), known):
+        digest.update(np.ascontiguousarray(numbers).data)
+    return digest.hexdigest()
 
 
 def _arrays(data: Any, names: Sequence[str] | None) -> dict[str, Any]:
@@ -68,10 +129,12 @@ def _arrays(data: Any, names: Sequence[str] | None) -> dict[str, Any]:
         if names is not None and len(names) > 1:
             raise TypeError(f"data must be a Dataset with {', '.join(names)}, got a DataArray")
         return {"data" if data.name is None else str(data.name): data}
+    if isinstance(data, Mapping) and not isinstance(data, xr.Dataset):
+        data = labelled(data)
     if not isinstance(data, xr.Dataset):
         raise TypeError(
             "data must be an xarray Dataset or DataArray, or the path of a NetCDF file, "
-            f"got {type(data).__name__}"
+            f"or bare arrays by name, got {type(data).__name__}"
         )
     if names is None:
         names = [str(name) for name, array in data.data_vars.items() if set(AXES) <= set(array.dims)]
@@ -83,125 +146,99 @@ def _arrays(data: Any, names: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _check_array(name: str, array: Any) -> None:
-    if set(array.dims) != set(AXES):
+    if set(array.dims) - {TIME} != set(AXES):
         raise ValueError(
-            f"{name} must have the dimensions x and y and no others, got {tuple(map(str, array.dims))}"
+            f"{name} must have the dimensions x and y, time if need be, and no others, "
+            f"got {tuple(map(str, array.dims))}"
         )
     if array.size > MAX_VALUES:
         raise ValueError(f"{name} must have at most {MAX_VALUES} values, got {array.size}")
-    for axis in AXES:
+    axes.check_numbers(name, array)
+    for axis in array.dims:
+        if axis == TIME and array.sizes[TIME] == 1:  # of one moment it does not matter which
+            continue
         if axis not in array.coords:
             raise ValueError(f"{name} must have the coordinate {axis}, got {sorted(map(str, array.coords))}")
-    for each, numbers in ((name, array), *((axis, array[axis]) for axis in AXES)):
-        if numbers.dtype.kind not in "fiu":
-            raise ValueError(f"{each} must hold real numbers, got {numbers.dtype}")
+        axes.check_numbers(axis, array[axis])
 
 
-def _regular(coordinate: Any, interpolation: str) -> tuple[float, float]:
-    """Lowest point and spacing of a coordinate; raises ValueError unless its points are evenly spaced."""
-    axis, fewest = coordinate.name, MIN_POINTS[interpolation]
-    places = np.sort(np.asarray(coordinate.values, np.float64))
-    if len(places) < fewest:
-        raise ValueError(
-            f"{axis} must have at least {fewest} points for {interpolation} interpolation, got {len(places)}"
-        )
-    if not np.all(np.isfinite(places)):
-        raise ValueError(f"{axis} must be finite, got {places[~np.isfinite(places)][0]:g}")
-    start, spacing = float(places[0]), float(places[-1] - places[0]) / (len(places) - 1)
-    # single precision coordinates are evenly spaced but for their rounding
-    slack = 1e-6 * spacing + 4e-7 * float(np.abs(places).max())
-    error = np.abs(places - (start + spacing * np.arange(len(places))))
-    worst = int(error.argmax())
-    if spacing <= 0 or error[worst] > min(slack, 0.1 * spacing):
-        raise ValueError(
-            f"{axis} must be evenly spaced, got {places[worst]:g} at index {worst} "
-            f"instead of {start + spacing * worst:g}"
-        )
-    return start, spacing
+def _ordered(array: Any) -> Any:
+    """With rising coordinates, over time (where it has more than one), x and y."""
+    if array.sizes.get(TIME) == 1:
+        array = array.isel({TIME: 0}, drop=True)
+    order = [axis for axis in (TIME, *AXES) if axis in array.dims]
+    return array.transpose(*order).sortby(order)
 
 
-def _check_finite(names: list[str], values: np.ndarray, lattice: Lattice) -> None:
-    bad = np.argwhere(~np.isfinite(values))
-    if len(bad):
-        quantity, i, j = bad[0]
-        x, y = np.asarray(lattice.origin) + np.asarray(lattice.spacing) * (i, j)
-        raise ValueError(
-            f"{names[quantity]} must be finite everywhere, got {values[quantity, i, j]} at x = {x:g}, "
-            f"y = {y:g} (index {i}, {j} from the lowest x and y; {len(bad)} in all)"
-        )
+def _times(arrays: Mapping[str, Any], reading: Reading) -> np.ndarray | None:
+    timed = [array for array in arrays.values() if TIME in array.dims]
+    if not timed:
+        return None
+    if reading.outside_time is None:
+        raise ValueError(f"outside_time must be one of {', '.join(OUTSIDE)} where data have a time, got None")
+    times = np.array(timed[0][TIME].values, np.float64)
+    axes.check_points(TIME, times, 2, "")
+    if not np.all(np.diff(times) > 0):
+        twice = times[:-1][np.diff(times) <= 0][0]
+        raise ValueError(f"{TIME} must have every moment once, got {twice:g} twice")
+    return times
 
 
-def _check_period(names: list[str], values: np.ndarray) -> None:
-    """A periodic grid must not state its first line again as its last."""
-    for axis, dimension in ((1, "x"), (2, "y")):
-        lines = np.moveaxis(values, axis, 0)
-        scale = np.ptp(values, axis=(1, 2)).max()
-        repeats = np.abs(lines[0] - lines[-1]).max() <= 1e-9 * scale
-        if repeats and np.abs(lines[1] - lines[0]).max() > 1e-9 * scale:
-            raise ValueError(
-                f"{dimension} of a periodic grid must end one spacing before its period: the last line of "
-                f"{', '.join(names)} must not repeat the first, got the same values"
-            )
+def _over_time(array: Any, count: int) -> np.ndarray:
+    """Values (times, nx, ny), of what does not change again and again."""
+    values = np.asarray(array.values, np.float64)
+    return np.broadcast_to(values, (count, *values.shape[-len(AXES) :]))
 
 
-class Interpolant:
-    """What fields and flows on a grid share: its quantities and `further` ones (nx, ny), interpolated."""
-
-    def __init__(
-        self, grid: Grid, edges: str, interpolation: str, shape: Sequence[int] | None, *further: np.ndarray
-    ) -> None:
-        points = list(grid.lattice.shape)
-        if shape is not None and list(shape) != points:
-            raise ValueError(f"shape must be that of the grid, {points}, got {shape!r}")
-        self.spline = Spline(np.stack([*grid.values, *further]), grid.lattice, interpolation)
-        self.box = grid.lattice.box  # the domain, where starts are drawn by default
-        # A grid that repeats is known everywhere; of another one cells can leave.
-        self.inside = None if grid.lattice.periodic else self._inside
-        self._data = {"edges": edges, "interpolation": interpolation}
-        self._record = {"path": grid.path, "sha256": grid.sha256, "shape": points}
-        self._numbers: dict[str, Any] = {}  # parameters that are not the grid's
-
-    def _inside(self, position: Array) -> Array:
-        """Whether `position` (..., 2) lies in the domain, bool (...)."""
-        (left, right), (bottom, top) = self.box
-        x, y = position[..., 0], position[..., 1]
-        return (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
-
-    def parameters(self) -> dict[str, Any]:
-        """What makes it again from its file, which its checksum tells from all others."""
-        return {**self._data, **self._numbers, **self._record}
-
-    def __repr__(self) -> str:
-        points = " × ".join(map(str, self.spline.lattice.shape))
-        scales = [f"{name}={value:g}" for name, value in self._numbers.items() if name.endswith("scale")]
-        parts = [f"{points} points in {self.box}", *self._data.values(), *scales]
-        return f"{type(self).__name__}({', '.join(parts)})"
+def _lattice(arrays: Mapping[str, Any], values: np.ndarray, reading: Reading) -> tuple[Lattice, np.ndarray]:
+    """Where the points are, and the values without lines that a stated period repeats."""
+    first, fewest = next(iter(arrays.values())), MIN_POINTS[reading.interpolation]
+    finest = np.array([_precision(*pair) for pair in zip(arrays.values(), values, strict=True)])
+    purpose, leading = f" for {reading.interpolation} interpolation", values.ndim - len(AXES)
+    origin: list[Any] = []
+    spacings: list[Any] = []
+    for i, axis in enumerate(AXES):
+        points = np.asarray(first[axis].values, np.float64)
+        axes.check_points(axis, points, fewest, purpose)
+        start, spacing = axes.regular(axis, points, reading.spacing_tolerance)
+        if reading.edges[i] == "periodic":
+            numbers = np.where(np.isfinite(values), values, 0.0) / finest[:, None, None, None]
+            lines = np.moveaxis(numbers, leading + i, 0)
+            period = axes.stated_period(first[axis], reading.period[i])
+            if period is None:
+                axes.check_period(axis, spacing, lines, list(arrays))
+            else:
+                count = axes.lines_of(axis, period, spacing, lines)
+                axes.check_points(axis, points[:count], fewest, purpose)
+                values, spacing = np.take(values, range(count), axis=leading + i), period / count
+        origin.append(start)
+        spacings.append(spacing)
+    periodic = tuple(edge == "periodic" for edge in reading.edges)
+    return Lattice(
+        (origin[0], origin[1]), (spacings[0], spacings[1]), values.shape[leading:], periodic
+    ), values
 
 
-# --- units --------------------------------------------------------------------------------------------------
+def _precision(array: Any, values: np.ndarray) -> float:
+    """By how much numbers that were the same may differ as they are stored."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return 1.0
+    largest, spread = float(np.abs(known).max()), float(np.ptp(known))
+    packed = np.ravel(array.encoding.get("scale_factor", 0.0))[0]
+    with np.errstate(over="ignore"):
+        single = np.array_equal(known.astype(np.float32), known)
+    dtype = array.dtype if array.dtype.kind == "f" else np.dtype(np.float64)
+    epsilon = np.finfo(np.float32 if single and dtype.itemsize > 4 else dtype).eps
+    return max(1e-9 * spread, 1.01 * abs(float(packed)), 8 * float(epsilon) * largest, 1e-300)
 
 
-def check_units(units: dict[str, str], velocity: Sequence[str] = (), spin: str | None = None) -> str | None:
-    """The unit of length, where stated; raises ValueError where units contradict each other."""
-    for names in (AXES, velocity):
-        stated = {name: units[name] for name in names if name in units}
-        if len(set(stated.values())) > 1:
-            found = " and ".join(map(repr, stated.values()))
-            raise ValueError(f"{' and '.join(stated)} must have the same units, got {found}")
-    length = units.get("x", units.get("y"))
-    per_time = None
-    for name in velocity:
-        parts = re.fullmatch(
-            r"\s*(.+?)\s*(?:/\s*|[\s·.*]+)(\w+?)\s*((?:\^|\*\*)?\(?[-−]1\)?)?\s*", units.get(name, "")
-        )
-        if parts:
-            per_time = parts[2]
-            if length is not None and parts[1] != length:
-                raise ValueError(f"{name} must be in {length} per time like x and y, got {units[name]!r}")
-    if spin is not None and spin in units:
-        unit = units[spin]
-        if re.search("deg|rev|turn|Hz", unit):
-            raise ValueError(f"{spin} must be in radians per time, got {unit!r}")
-        if per_time is not None and not re.search(rf"\b{re.escape(per_time)}\b", unit):
-            raise ValueError(f"{spin} must be in radians per {per_time} like {velocity[0]}, got {unit!r}")
-    return length
+def _raise_hole(names: list[str], values: np.ndarray, known: np.ndarray, lattice: Lattice) -> None:
+    bad = np.argwhere(~known)
+    quantity, time, i, j = bad[0]
+    x, y = np.asarray(lattice.origin) + np.asarray(lattice.spacing) * (i, j)
+    raise ValueError(
+        f"{names[quantity]} must be finite everywhere, got {values[quantity, time, i, j]} at x = {x:g}, "
+        f"y = {y:g} (index {i}, {j} from the lowest x and y; {len(bad)} in all); "
+        f"fill, one of {', '.join(FILLS)}, says what such holes are"
+    )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
-from collections.abc import Iterable, Sequence
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,13 @@ import numpy as np
 
 from swarm._support import files
 from swarm._support.checks import check_name
+from swarm.physics.grids import hdf5
+from swarm.physics.grids.units import AXES, TIME
 
-AXES = ("x", "y")
+COORDINATES = (*AXES, TIME)
+# what is needed to unpack a variable, its units, and after what length a coordinate repeats
+PACKING = ("scale_factor", "add_offset", "_FillValue", "missing_value", "_Unsigned", "dtype")
+ATTRIBUTES = (*PACKING, "units", "period", "modulo")
 MAX_FILE = 2**33  # [bytes]
 MAX_VALUES = 2**26  # of one quantity; 512 MB
 MAX_POINTS = 2**24  # of one coordinate
@@ -70,51 +75,67 @@ def open_netcdf(path: str | os.PathLike, names: Sequence[str] | None) -> Any:
 
 
 def _read(path: str | os.PathLike, names: Sequence[str] | None) -> Any:
-    import h5py
     import xarray as xr
 
-    with h5py.File(path, "r") as opened:
-        own = [name for name in opened if isinstance(opened.get(name, getlink=True), h5py.HardLink)]
-        stored = {name: opened[name] for name in own if isinstance(opened[name], h5py.Dataset)}
+    with hdf5.opened(path) as file:
+        stored = file.variables()
         if names is None:
-            names = [name for name, item in stored.items() if name not in AXES and len(item.shape or ()) == 2]
+            grids = (len(AXES), len(AXES) + 1)
+            names = [name for name, item in stored.items() if len(item.shape or ()) in grids]
+            names = [name for name in names if name not in COORDINATES]
         for name in names:
-            check_name("variable", name, [known for known in stored if known not in AXES])
-        wanted = {name: stored[name] for name in (*names, *AXES) if name in stored}
-        for name, item in wanted.items():
-            _check_header(name, item)
-        variables = {
-            name: (_dimensions(name, item), item[()], _attributes(item)) for name, item in wanted.items()
-        }
-    coordinates = {axis: variables.pop(axis) for axis in AXES if axis in variables}
-    return xr.decode_cf(xr.Dataset(variables, coordinates), decode_times=False)
+            check_name("variable", name, [known for known in stored if known not in COORDINATES])
+        _check([*names, *(axis for axis in AXES if axis in stored)], stored)
+        over = {axis for name in names for axis in _dimensions(name, stored[name])}
+        axes = [axis for axis in COORDINATES if axis in over & stored.keys()]
+        axes = [axis for axis in axes if not _only_dimension(stored[axis])]
+        _check(axes, stored)
+        wanted = {name: stored[name] for name in (*names, *axes)}
+        variables = {name: _decoded(name, item, file.numbers(item)) for name, item in wanted.items()}
+    coordinates = {axis: variables.pop(axis) for axis in COORDINATES if axis in variables}
+    return xr.Dataset(variables, coordinates)
 
 
-def _check_header(name: str, item: Any) -> None:
+def _check(names: Sequence[str], stored: Mapping[str, Any]) -> None:
     """Raises where a variable is not what it should be, before any of it is read."""
-    limit = MAX_POINTS if name in AXES else MAX_VALUES
-    size = math.prod(item.shape or ())
-    if size > limit:
-        raise ValueError(f"{name} must have at most {limit} values, got {size}")
-    if item.dtype.kind not in "fiu" or item.dtype.itemsize > 16:
-        raise ValueError(f"{name} must hold real numbers, got {item.dtype}")
-    if item.external or item.is_virtual:
-        raise ValueError(f"{name} must be stored in the file itself, got a reference to another file")
+    for name in names:
+        hdf5.check_stored(name, stored[name], MAX_POINTS if name in COORDINATES else MAX_VALUES)
+        if stored[name].dtype.kind not in "fiu" or stored[name].dtype.itemsize > 16:
+            raise ValueError(f"{name} must hold real numbers, got {stored[name].dtype}")
+
+
+def _only_dimension(item: Any) -> bool:
+    """Whether it stands for a dimension that has no coordinate."""
+    label = hdf5.attribute(item, "NAME")
+    return isinstance(label, str) and label.startswith("This is a netCDF dimension but not a netCDF variable")
+
+
+def _decoded(name: str, item: Any, numbers: np.ndarray) -> Any:
+    """A variable as xarray decodes it: unpacked, and NaN where it is missing."""
+    import xarray as xr
+
+    found = {key: hdf5.attribute(item, key) for key in ATTRIBUTES}
+    attributes: dict[str, Any] = {
+        key: value[0] if isinstance(value, np.ndarray) and len(value) == 1 else value
+        for key, value in found.items()
+        if value is not None
+    }
+    variable = xr.Variable(_dimensions(name, item), numbers, attributes)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of several fill values, which are all taken
+            return xr.conventions.decode_cf_variable(name, variable, decode_times=False).load()
+    except Exception as error:
+        raise ValueError(f"{name} must be decodable by {attributes}, got {error}") from None
 
 
 def _dimensions(name: str, item: Any) -> tuple[str, ...]:
-    if name in AXES and len(item.shape) == 1:
+    if name in COORDINATES:
+        if len(item.shape or ()) != 1:
+            raise ValueError(f"{name} must have one dimension, got {item.shape}")
         return (name,)
+    if "DIMENSION_LIST" in item.attrs and item.attrs.get_id("DIMENSION_LIST").shape != (len(item.shape),):
+        raise ValueError(f"{name} must have a name for each of its dimensions, got {item.shape}")
     if not all(len(dimension) for dimension in item.dims):
         raise ValueError(f"{name} must have named dimensions, got {item.shape}")
     return tuple(dimension[0].name.rsplit("/", 1)[-1] for dimension in item.dims)
-
-
-def _attributes(item: Any) -> dict[str, Any]:
-    """What is needed to unpack a variable, and its units."""
-    wanted = ("units", "scale_factor", "add_offset", "_FillValue", "missing_value")
-    values = {name: item.attrs[name] for name in wanted if name in item.attrs}
-    return {
-        name: value.decode() if isinstance(value, bytes) else np.ravel(value)[0]
-        for name, value in values.items()
-    }

@@ -7,7 +7,7 @@ by SciPy.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,91 +27,124 @@ class Lattice:
     origin: tuple[float, float]  # the first point [length]
     spacing: tuple[float, float]  # [length]
     shape: tuple[int, int]  # points along x and y
-    periodic: bool  # the grid repeats, one spacing after its last point; else it ends there
+    periodic: tuple[bool, bool]  # along x and y: it repeats, one spacing after its last point; else it ends
 
     @property
     def box(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """((x_low, x_high), (y_low, y_high)) of the domain: one period, or from edge to edge [length]."""
-        cells = self.shape if self.periodic else (self.shape[0] - 1, self.shape[1] - 1)
-        (x, y), (dx, dy) = self.origin, self.spacing
+        (x, y), (dx, dy), cells = self.origin, self.spacing, self.cells
         return (x, x + cells[0] * dx), (y, y + cells[1] * dy)
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Grid cells along x and y."""
+        columns, rows = (n if again else n - 1 for n, again in zip(self.shape, self.periodic, strict=True))
+        return columns, rows
+
+
+class Placed:
+    """Arrays that are kept in the library, on the device and with the dtype of whoever asks for them."""
+
+    def __init__(self, *arrays: np.ndarray) -> None:
+        self._arrays = arrays
+        self._kept: dict[Any, tuple[Array, ...]] = {}
+
+    def like(self, like: Array) -> tuple[Array, ...]:
+        """The arrays: floats with the dtype of `like`, whole numbers as int32, flags as they are."""
+        key = (type(like).__module__, like.dtype, str(getattr(like, "device", None)))
+        kept = self._kept.get(key)
+        if kept is None:
+            xp = namespace(like)
+            dtypes = {"f": None, "i": xp.int32, "b": xp.bool}
+            kept = tuple(as_array(each, like, dtype=dtypes[each.dtype.kind]) for each in self._arrays)
+            if key[0] in ("numpy", "torch"):  # a jax tracer must not outlive its trace
+                self._kept[key] = kept
+        return kept
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_kept": {}}
+
+
+Moment = tuple[Any, Any]  # number of a grid in time, and the share of the way to the next one
 
 
 class Spline:
-    """Several quantities on one lattice, interpolated together.
+    """Several quantities on one lattice, at one time or several, interpolated together.
 
     Beyond the edges of a lattice that is not periodic each quantity goes on with its value at the edge.
     """
 
     def __init__(self, values: np.ndarray, lattice: Lattice, interpolation: str) -> None:
-        """`values` (quantities, nx, ny) at the lattice's points."""
+        """`values` (quantities, times, nx, ny) at the lattice's points."""
         self.lattice = lattice
         self.degree = DEGREES[interpolation]
-        self.coefficients = self._coefficients(np.asarray(values, np.float64))  # (quantities, rows, columns)
-        self._tables: dict[Any, tuple[Array, Array]] = {}
+        # (quantities, times, rows, columns)
+        self.coefficients = self._coefficients(np.asarray(values, np.float64))
+        steps = np.arange(self.degree + 1)
+        offsets = (steps[:, None] * self.coefficients.shape[3] + steps).ravel()  # of a patch from its corner
+        self._tables = Placed(self.coefficients.reshape(len(self.coefficients), -1), offsets)
 
     def _coefficients(self, values: np.ndarray) -> np.ndarray:
         """Control values, with those beyond the edges that the basis functions reach."""
-        if self.degree == 3:
-            control = _periodic_control if self.lattice.periodic else _clamped_control
-            values = control(control(values, 1), 2)
-        if not self.lattice.periodic:
-            return values
         beyond = (0, 1) if self.degree == 1 else (1, 2)
-        return np.pad(values, [(0, 0), beyond, beyond], mode="wrap")
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_tables": {}}
+        for axis, periodic in zip((2, 3), self.lattice.periodic, strict=True):
+            if self.degree == 3:
+                values = (_periodic_control if periodic else _clamped_control)(values, axis)
+        widths = [beyond if periodic else (0, 0) for periodic in self.lattice.periodic]
+        return (
+            np.pad(values, [(0, 0), (0, 0), *widths], mode="wrap") if any(self.lattice.periodic) else values
+        )
 
     # --- evaluation -----------------------------------------------------------------------------------------
 
-    def __call__(self, x: Array, y: Array) -> tuple[Array, ...]:
-        """Each quantity (...) at the places (x, y)."""
-        patch, along_x, along_y, _, _ = self._patches(x, y)
+    def __call__(self, x: Array, y: Array, moment: Moment | None = None) -> tuple[Array, ...]:
+        """Each quantity (...) at the places (x, y), between two grids in time where there is a `moment`."""
+        patch, along_x, along_y, _, _ = self._patches(x, y, moment)
         values = _weighted(_weighted(patch, along_y, 2), along_x, 1)
         return tuple(values[i, ...] for i in range(values.shape[0]))
 
-    def with_slopes(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+    def with_slopes(self, x: Array, y: Array, moment: Moment | None = None) -> tuple[Array, Array, Array]:
         """Quantities (quantities, ...) and their derivatives along x and along y at the places (x, y)."""
-        patch, along_x, along_y, in_x, in_y = self._patches(x, y)
+        patch, along_x, along_y, in_x, in_y = self._patches(x, y, moment)
         rows = _weighted(patch, along_y, 2)
         slope_x = _weighted(rows, self._slopes(in_x, 0), 1)
         slope_y = _weighted(_weighted(patch, self._slopes(in_y, 1), 2), along_x, 1)
         return _weighted(rows, along_x, 1), slope_x, slope_y
 
-    def _patches(self, x: Array, y: Array) -> tuple[Array, list[Array], list[Array], Array, Array]:
+    def cell(self, x: Array, y: Array) -> Array:
+        """Number of the grid cell of each place (x, y), counted along y first."""
+        return self._cell(x, 0)[0] * self.lattice.cells[1] + self._cell(y, 1)[0]
+
+    def _patches(
+        self, x: Array, y: Array, moment: Moment | None
+    ) -> tuple[Array, list[Array], list[Array], Array, Array]:
         """Control values (quantities, n, n, ...) around each place, their weights, and the place in its
         cell."""
         xp = namespace(x)
-        table, offsets = self._on(x)
+        table, offsets = self._tables.like(x)
         row, in_x = self._cell(x, 0)
         column, in_y = self._cell(y, 1)
         n = self.degree + 1
-        corner = row * self.coefficients.shape[2] + column
-        index = corner[None, ...] + xp.reshape(offsets, (n * n, *(1,) * x.ndim))
-        patch = xp.take(table, xp.reshape(index, (-1,)), axis=1)
+        rows, columns = self.coefficients.shape[2:]
+        corner = row * columns + column
+        if moment is not None:
+            corner = corner + moment[0] * (rows * columns)
+        index = xp.reshape(corner[None, ...] + xp.reshape(offsets, (n * n, *(1,) * x.ndim)), (-1,))
+        patch = xp.take(table, index, axis=1)
+        if moment is not None:  # its share goes with the last axes of the patches
+            shape = (table.shape[0], n * n, *x.shape)
+            later = xp.reshape(xp.take(table, index + rows * columns, axis=1), shape)
+            patch = xp.reshape(patch, shape)
+            patch = patch + moment[1] * (later - patch)
         patch = xp.reshape(patch, (table.shape[0], n, n, *x.shape))
         return patch, self._weights(in_x), self._weights(in_y), in_x, in_y
-
-    def _on(self, like: Array) -> tuple[Array, Array]:
-        """Flat control values and the places of a patch in them, in the library and dtype of `like`."""
-        key = (type(like).__module__, like.dtype, str(getattr(like, "device", None)))
-        cached = self._tables.get(key)
-        if cached is None:
-            flat = self.coefficients.reshape(len(self.coefficients), -1)
-            steps = np.arange(self.degree + 1)
-            offsets = (steps[:, None] * self.coefficients.shape[2] + steps).ravel()
-            cached = as_array(flat, like), as_array(offsets, like, dtype=namespace(like).int32)
-            if key[0] in ("numpy", "torch"):  # a jax tracer must not outlive its trace
-                self._tables[key] = cached
-        return cached
 
     def _cell(self, place: Array, axis: int) -> tuple[Array, Array]:
         """Number of the grid cell that a coordinate lies in, and where in it, from 0 to 1."""
         xp = namespace(place)
         points = self.lattice.shape[axis]
         steps = (place - self.lattice.origin[axis]) * (1 / self.lattice.spacing[axis])
-        if self.lattice.periodic:
+        if self.lattice.periodic[axis]:
             steps = steps - points * xp.floor(steps * (1 / points))
             last = points - 1
         else:
@@ -142,21 +175,31 @@ class Spline:
 
     def bounds(self, *, of: Callable[[np.ndarray], np.ndarray] = np.abs) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (quantities,) of the values, by default of their size, and (quantities, 2) of the slopes'
-        size.
+        size, at all times.
 
         Each piece lies in the convex hull of its Bézier control values, and so do its derivatives in that of
         their differences. `of` maps control values (quantities, ...) to what is to be bounded, a convex
         function of them.
         """
         values, slopes = [], []
-        cells = self.coefficients.shape[1] - self.degree
-        for first in range(0, cells, _BLOCK):  # in blocks, to spare memory
-            block = self.coefficients[:, first : first + _BLOCK + self.degree]
-            control = self._bezier(self._bezier(block, 1), 2)
+        for control in self._controls(self.coefficients):
             values.append(of(control).max(axis=(1, 2)))
             steps = [np.abs(np.diff(control, axis=axis)).max(axis=(1, 2)) for axis in (1, 2)]
             slopes.append(self.degree * np.stack(steps, axis=-1) / np.asarray(self.lattice.spacing))
         return np.max(values, axis=0), np.max(slopes, axis=0)
+
+    def rates(self, times: np.ndarray) -> np.ndarray:
+        """Bounds (quantities,) of the size of the derivatives by time, between grids at the `times`."""
+        steps = np.diff(self.coefficients, axis=1) / np.diff(times)[:, None, None]
+        return np.max([np.abs(control).max(axis=(1, 2)) for control in self._controls(steps)], axis=0)
+
+    def _controls(self, coefficients: np.ndarray) -> Iterator[np.ndarray]:
+        """Bézier control values (quantities, rows, columns), block by block, to spare memory."""
+        cells = coefficients.shape[2] - self.degree
+        for time in range(coefficients.shape[1]):
+            for first in range(0, cells, _BLOCK):
+                block = coefficients[:, time, first : first + _BLOCK + self.degree]
+                yield self._bezier(self._bezier(block, 1), 2)
 
     def _bezier(self, control: np.ndarray, axis: int) -> np.ndarray:
         """Bézier control values along an axis: of each cell `degree` + 1, the last of one being the first of
@@ -171,11 +214,17 @@ class Spline:
         return np.moveaxis(result, 0, axis)
 
     def at_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """`with_slopes` at the lattice's own points, (quantities, nx, ny) each."""
+        """`with_slopes` at the lattice's own points and times, (quantities, times, nx, ny) each."""
         start, step, points = self.lattice.origin, self.lattice.spacing, self.lattice.shape
         x, y = (start[axis] + step[axis] * np.arange(points[axis]) for axis in (0, 1))
-        parts = [self.with_slopes(np.full_like(y, place), y) for place in x]  # line by line, to spare memory
-        values, slope_x, slope_y = (np.stack(lines, axis=1) for lines in zip(*parts, strict=True))
+        shape = (len(self.coefficients), self.coefficients.shape[1], *points)
+        values, slope_x, slope_y = (np.empty(shape) for _ in range(3))
+        for number in range(shape[1]):
+            at, share = max(min(number, shape[1] - 2), 0), float(number > 0 and number == shape[1] - 1)
+            moment = (at, share) if shape[1] > 1 else None
+            for i, place in enumerate(x):  # line by line, to spare memory
+                found = self.with_slopes(np.full_like(y, place), y, moment)
+                values[:, number, i], slope_x[:, number, i], slope_y[:, number, i] = found
         return values, slope_x, slope_y
 
 

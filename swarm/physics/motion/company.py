@@ -21,6 +21,7 @@ from swarm.physics.crowd.neighbours import Pairs, neighbours
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc, components, turned, unit
 from swarm.physics.motion.collocation import Collocation, fastest_change, integral, velocity_and_spin
+from swarm.physics.motion.domain import within
 from swarm.physics.motion.pushes import MAX_STEPS, STEP, Pushes
 
 TOLERANCE = 5e-6  # error allowed to the pose after one interval without contact, in float64 [length, rad]
@@ -40,6 +41,7 @@ class Substep(NamedTuple):
     table: Array  # (targets, nodes, ..., cells) weights of the collocation
     alive: Array
     times: Array | None  # (nodes, ..., cells) [time]
+    flow: Flow  # as cells meet it that come from where the interval began
 
 
 @dataclass(frozen=True)
@@ -133,13 +135,13 @@ class Company:
         table = outer(as_array(scheme.weights, pose.position), step)
         far = 2.5 * speed * duration  # what two cells may come nearer
         pairs = tuple(neighbours(each, pose.position, far, alive) for each in self.smooth)
-        path = []
+        flow, path = within(self.flow, pose.position), []
         for number in range(substeps):
             times = None
             if time is not None:
                 xp = namespace(step)
                 times = xp.stack([time + (number + float(f)) * step for f in scheme.fractions])
-            now = Substep(pose, motions, curvature, speed, step, table, alive, times)
+            now = Substep(pose, motions, curvature, speed, step, table, alive, times, flow)
             pose, places = self._substep(now, pairs)
             path.append(places)
         return pose, namespace(pose.position).concat(path, axis=0) if scheme.outputs else None
@@ -182,7 +184,7 @@ class Company:
         self, x: Array, y: Array, head: tuple[Array, Array], now: Substep, pairs: tuple[Pairs | None, ...]
     ) -> tuple[Array, Array, Array]:
         """Velocity and spin (nodes, ..., cells) from the flow and from the others."""
-        u, v, spin = velocity_and_spin(self.flow, x, y, now.times)
+        u, v, spin = velocity_and_spin(now.flow, x, y, now.times)
         if self.smooth:
             position, heading = join(x, y), join(*head)
         for each, found in zip(self.smooth, pairs, strict=True):

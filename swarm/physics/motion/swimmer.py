@@ -22,6 +22,7 @@ from swarm.physics.motion.arc import Motion, Pose, along_arc, arc
 from swarm.physics.motion.clock import Clock, Ticks, frozen
 from swarm.physics.motion.collocation import Collocation
 from swarm.physics.motion.company import Company
+from swarm.physics.motion.domain import within
 
 Array = Any
 
@@ -164,7 +165,7 @@ class Swimmer:
             return along_arc(pose, Motion(*unrolled(interval.motion, 1))), None
         weights = self.tables(pose.position).weights
         *motion, weights = unrolled((*interval.motion, weights), 0 if scheme.outputs else 2)
-        given = interval.speed, interval.length, weights, self.flow
+        given = interval.speed, interval.length, weights, within(self.flow, pose.position)
         return scheme.swim(pose, Motion(*motion), *given, time)
 
     def swim_back(self, pose: Pose, curvature: Array, speed: Array, length: Array) -> Pose:
@@ -175,8 +176,8 @@ class Swimmer:
             return along_arc(pose, arc(curvature, speed, -length))
         scheme = dataclasses.replace(self.scheme, outputs=0)
         motions = scheme.motions(curvature, speed, -length)
-        weights = as_array(scheme.weights, length)
-        return scheme.swim(pose, motions, speed, -length, weights, frozen(self.flow, 0.0))[0]
+        weights, flow = as_array(scheme.weights, length), within(frozen(self.flow, 0.0), pose.position)
+        return scheme.swim(pose, motions, speed, -length, weights, flow)[0]
 
     def places(self, pose: Pose, interval: Interval, end: Pose, parts: Sequence[float]) -> Array:
         """Positions (parts, ..., cells, 2) after parts of an interval: on the arc, from which the cell is led

@@ -34,7 +34,7 @@ from swarm.physics.motion.clock import Clock
 from swarm.physics.motion.swimmer import Swimmer
 from swarm.physics.perception import Memory, MemoryWithFlow, Sensor, check_sensor
 from swarm.physics.rewards import Reward, check_reward
-from swarm.physics.world.rules import as_data, check_curvatures, check_field, check_flow
+from swarm.physics.world.rules import as_data, check_curvatures, check_field, check_flow, check_times
 
 Array = Any
 
@@ -68,6 +68,8 @@ class Parameters(Checked):
     concentration_noise: float = parameter(0.0, check_number, at_least=0.0)
     curvature_noise: float = parameter(0.0, check_number, at_least=0.0)
     rotational_diffusion: float = parameter(0.0, check_number, at_least=0.0)
+    # D that kicks of the curvature give the heading whatever N_T, see `curvature_spreads` [rad² / time]
+    curvature_diffusion: float = parameter(0.0, check_number, at_least=0.0)
     sensor: Sensor = parameter(None, optional(check_sensor))  # what a record holds; None: see `sense_flow`
     reward: Reward = parameter("own", check_reward)
     # what cells share; with any of these on, all decide at the same moments
@@ -99,7 +101,11 @@ class Parameters(Checked):
             raise ValueError(
                 f"mean curvature × speed must lie between 1e-9 and 1e9 rad per time, got {rates}"
             )
-        _ = self.swimmer.scheme  # raises where intervals cannot be counted or the flow varies too fast
+        check_times(self.life, field=self.field, flow=self.flow)
+        try:
+            _ = self.swimmer.scheme  # raises where intervals cannot be counted or the flow varies too fast
+        except ArithmeticError:
+            raise ValueError(f"flow must vary slowly enough to be followed, got {self.flow!r}") from None
         self._check_company()
 
     def _check_company(self) -> None:
@@ -107,7 +113,8 @@ class Parameters(Checked):
         if self.is_shared and len(set(self.clock.intervals)) > 1:
             raise ValueError(
                 "interval_rule must be 'common' where cells share a medium, interact, race or sense others, "
-                f"so that all decide at the same moments, got {self.interval_rule!r} with {self.clock.intervals}"
+                f"so that all decide at the same moments, got {self.interval_rule!r} with "
+                f"{self.clock.intervals}"
             )
         if self.first_arrivals is not None and self.egg is None:
             raise ValueError(f"first_arrivals must go with a field that has an egg, got {self.field!r}")
@@ -238,7 +245,19 @@ class Parameters(Checked):
     def has_noise(self) -> bool:
         """Whether any perturbation is on, so that `step` needs noise."""
         noise = self.concentration_noise, self.curvature_noise, self.rotational_diffusion
-        return max(noise) > 0 or self.binding_rate is not None
+        return max(*noise, self.curvature_diffusion) > 0 or self.binding_rate is not None
+
+    @cached_property
+    def curvature_spreads(self) -> tuple[float, ...]:
+        """Standard deviation of the curvature swum with each action [1 / length].
+
+        A kick of the curvature turns the heading by v ΔT times as much: with the variance 2 D / (v² ΔT) that
+        is a variance of 2 D ΔT in an interval, so 2 D t in a time t however often cells decide, as rotational
+        diffusion has it. That of `curvature_noise`, which is the same for each N_T, is added.
+        """
+        pairs = zip(self.action_speeds, self.intervals, strict=True)
+        variances = (2 * self.curvature_diffusion / (v * v * interval) for v, interval in pairs)
+        return tuple(math.sqrt(self.curvature_noise**2 + each) for each in variances)
 
     @cached_property
     def in_flow(self) -> bool:

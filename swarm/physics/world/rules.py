@@ -76,3 +76,14 @@ def as_data(name: str, part: Any) -> Any:
     if name == "interactions":
         return [told(INTERACTIONS, each) for each in part]
     return json.loads(json.dumps(dataclasses.asdict(part) if name in ("medium", "spread") and part else part))
+
+
+def check_times(life: float, **parts: Any) -> None:
+    """Raises ValueError where a part has data for a part of the life only."""
+    for name, part in parts.items():
+        times = getattr(part, "times", None)
+        if times is not None and not times[0] <= 0.0 <= life <= times[1]:
+            raise ValueError(
+                f"{name} must have data for all times from 0 to the life {life:g}, "
+                f"or outside_time='held', got {times[0]:g} to {times[1]:g}"
+            )

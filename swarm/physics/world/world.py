@@ -30,6 +30,7 @@ from swarm.physics.motion.arc import (
     unit,
 )
 from swarm.physics.motion.clock import frozen
+from swarm.physics.motion.domain import kept
 from swarm.physics.motion.swimmer import Interval
 from swarm.physics.perception import Situation
 from swarm.physics.world.parameters import Parameters
@@ -46,13 +47,17 @@ class World(Parameters):
     what a decision does.
     """
 
-    def start(self, position: Array, heading: Array, past: Array, factors: Array = None) -> State:
+    def start(
+        self, position: Array, heading: Array, past: Array, factors: Array = None, noise: Array = None
+    ) -> State:
         """The state at t = 0 with a memory full of true records.
 
         `position` (..., cells, 2), `heading` (..., cells) [rad], `past` (..., cells, N_T) actions, newest
         first: the cell swam the newest N_T − 1 of them to its pose, alone and in the field and the flow at
         t = 0, the oldest is only recorded. `factors` (..., cells, 2) are the cells' own of speed and
-        curvature, where the world spreads them, 1 by default. Raises
+        curvature, where the world spreads them, 1 by default; `noise` (..., cells, N_T) standard normal
+        numbers for `concentration_noise`, without which records are exact. A past ends where it would come
+        from outside the domain: before, the cell has waited there. Raises
         ValueError on wrong shapes and, where values are known (not inside a jax trace), on a start that is
         not finite, lies outside the field's or the flow's domain, has no finite concentration or whose past
         holds unknown actions; the cell is named.
@@ -76,12 +81,14 @@ class World(Parameters):
         for i in range(self.n_records):
             curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
             sensed = frozen(self.field, 0.0).concentration(pose.position)
+            if self.concentration_noise > 0 and noise is not None:
+                sensed = sensed + self.concentration_noise * noise[..., i]
             chosen = self.normal_curvature(curvature)
             records.append(self._record(pose, sensed, chosen, finished, count, factors, alone=i > 0))
             if i < self.n_records - 1:
                 if factors is not None:
                     speed, curvature = speed * factors[..., 0], curvature * factors[..., 1]
-                pose = self.swimmer.swim_back(pose, curvature, speed, interval)
+                pose, _ = kept(self.domains, self.swimmer.swim_back(pose, curvature, speed, interval), pose)
         if len(records[0]) != self.features:
             names = ", ".join(self.sensor.names)
             raise ValueError(f"sensor must record a number for each of {names}, got {len(records[0])}")
@@ -101,24 +108,9 @@ class World(Parameters):
             state = state._replace(start_concentration=self.concentration(state))
         return state
 
-    def _check_enough(self, cells: Array) -> None:
-        assert self.first_arrivals is not None
-        if cells.shape[-1] < self.first_arrivals:
-            raise ValueError(
-                f"first_arrivals must be at most the number of cells, {cells.shape[-1]}, got "
-                f"{self.first_arrivals}"
-            )
-
-    def _factors(self, position: Array, factors: Array) -> Array:
-        """The cells' own factors (..., cells, 2), None in a world whose cells are all alike."""
-        if self.spread is None:
-            if factors is not None:
-                raise ValueError(f"factors must go with a world that has a spread, got {factors!r}")
-            return None
-        return namespace(position).ones_like(position) if factors is None else factors
-
     def step(self, state: State, action: Array, noise: Array = None) -> tuple[State, Outcome]:
-        """One decision of every cell, whatever its length; a finished cell stays where it is.
+        """One decision of every cell, whatever its length; a finished cell stays where it is, and one that
+        leaves the domain where it was before: fields and flows are not asked outside.
 
         `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed
         when a perturbation is on, and with a `binding_rate` a fourth of uniform ones. Pure: `state` is left
@@ -127,7 +119,7 @@ class World(Parameters):
         if self.has_noise:
             check_noise(self, state, noise)
         over = state.finished if self._ends_early or not self.clock.has_common_tick else None
-        kick = self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
+        kick = self._kick(action, noise)
         interval = self.swimmer.next_interval(state.clock, action, over, kick, state.position, state.factors)
         if self._needs_arcs:
             arcs = self.swimmer.swum_curvature(action, kick, state.position, state.factors)
@@ -138,6 +130,7 @@ class World(Parameters):
             xp = namespace(noise)
             turn = noise[..., 2] * (2 * self.rotational_diffusion * interval.length) ** 0.5
             pose = Pose(pose.position, unit(*turned(components(pose.heading), xp.cos(turn), xp.sin(turn))))
+        swum, (pose, left) = pose, kept(self.domains, pose, state.pose)
         concentration = sensed = self._concentration(pose.position, interval.count, medium)
         if self.concentration_noise > 0:
             sensed = concentration + self.concentration_noise * noise[..., 0]
@@ -146,8 +139,8 @@ class World(Parameters):
             sensed = counted(noise[..., NOISE_CHANNELS], mean, self.binding_rate * interval.length)
         newest = self._record(pose, sensed, interval.curvature, state.finished, interval.count, state.factors)
         memory, observation = perception.renew(state.memory, newest)
-        arrival_time = self._arrival_time(state, interval, pose, path)
-        terminated, truncated, finished = self._ends(state, interval, pose, path, medium, arrival_time)
+        arrival_time = self._arrival_time(state, interval, swum, path)
+        terminated, truncated, finished = self._ends(state, interval, swum, path, left, medium, arrival_time)
         after = State(
             *pose,
             memory,
@@ -161,6 +154,12 @@ class World(Parameters):
         ends = terminated, truncated, concentration - state.start_concentration
         reward = self.reward.reward(self, state, after, Outcome(observation, None, *ends))
         return after, Outcome(observation, reward, *ends)
+
+    def _kick(self, action: Array, noise: Array) -> Array:
+        """What is added to the curvature (..., cells) [1 / length]; None where nothing is."""
+        if self.curvature_diffusion > 0:
+            return look_up(as_array(np.asarray(self.curvature_spreads), noise), action) * noise[..., 1]
+        return self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
 
     def time(self, state: State) -> Array:
         """Time lived (..., cells), `life` exactly when it is up [time]."""
@@ -219,9 +218,10 @@ class World(Parameters):
         places = self.swimmer.places(state.pose, interval, pose, tuple(GAUSS))
         for i, (part, weight) in enumerate(GAUSS.items()):
             field = self.field if start is None else frozen(self.field, start + part * interval.length)
-            found = field.concentration(places[i, ...])
+            place, _ = kept(self.domains, Pose(places[i, ...], pose.heading), state.pose)
+            found = field.concentration(place.position)
             if self.medium is not None:
-                found = self.medium.sense(medium, places[i, ...], found)
+                found = self.medium.sense(medium, place.position, found)
             mean = mean + weight * found
         return mean
 
@@ -297,14 +297,15 @@ class World(Parameters):
         interval: Interval,
         pose: Pose,
         path: Array | None,
+        left: Array | None,
         medium: Any,
         arrival_time: Array,
     ) -> tuple[Array, Array, Array]:
         """Which cells have arrived, which are out of time or of the domain, and whose lives are over."""
         truncated = finished = self.clock.is_up(interval.count)
         terminated = nowhere(finished)
-        for inside in self.domains:
-            truncated = truncated | ~inside(pose.position)
+        if left is not None:
+            truncated = truncated | left
         if self.medium is not None and self._follows:
             truncated = truncated | ~self.medium.inside(pose.position, medium.origin)
         if self.race is not None:

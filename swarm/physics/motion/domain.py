@@ -1,0 +1,53 @@
+"""Domains: fields and flows that hold somewhere only, and are not asked elsewhere."""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from swarm._support.arrays import join, namespace
+from swarm.physics.flows import Flow
+from swarm.physics.motion.arc import Pose, components
+from swarm.physics.motion.collocation import velocity_and_spin
+
+Array = Any
+Inside = Callable[[Array], Array]
+
+
+class Within:
+    """A flow that is asked in its domain only: for a place outside it answers as for where the cell comes
+    from.
+    """
+
+    def __init__(self, flow: Flow, position: Array) -> None:
+        """`position` (..., cells, 2) lies in the domain."""
+        self._flow, self._origin = flow, (position[..., 0], position[..., 1])
+        if hasattr(flow, "at"):
+            self.at = lambda time: Within(flow.at(time), position)
+
+    def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """u_x, u_y and ω₀ (...) at the places (x, y)."""
+        inside, where = self._flow.inside(join(x, y)), namespace(x).where  # type: ignore[attr-defined]
+        x, y = (where(inside, *pair) for pair in zip((x, y), self._origin, strict=True))
+        return velocity_and_spin(self._flow, x, y)
+
+
+def within(flow: Flow, position: Array) -> Any:
+    """The flow as cells meet it that come from `position` (..., cells, 2)."""
+    return flow if getattr(flow, "inside", None) is None else Within(flow, position)
+
+
+def kept(domains: Sequence[Inside], pose: Pose, before: Pose) -> tuple[Pose, Array | None]:
+    """The pose, or where it lies outside a domain the one before, and where (...) that is so."""
+    if not domains:
+        return pose, None
+    inside = functools.reduce(operator.and_, (each(pose.position) for each in domains))
+    return Pose(*(instead(inside, *pair) for pair in zip(pose, before, strict=True))), ~inside
+
+
+def instead(good: Array, new: Array, old: Array) -> Array:
+    """Vectors (..., 2), `new` where they are `good` (...), else `old`."""
+    pairs = zip(components(new), components(old), strict=True)
+    return join(*(namespace(new).where(good, *pair) for pair in pairs))
