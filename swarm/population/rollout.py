@@ -1,5 +1,6 @@
 """The rollout: a population's life under one policy, decision by decision."""
 
+import functools
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -58,11 +59,9 @@ def started(
 ) -> State:
     """The state at t = 0, its records with their noise; starts and episodes as of `chances`."""
     cells = starts.heading.shape
-    noise = [
-        draw_record_noise(world, cells[-1], seed, population=population, episode=each)
-        for each in _episodes(cells, episode)
-    ]
-    if noise[0] is None:
+    draw = functools.partial(draw_record_noise, world, cells[-1], seed, population=population)
+    noise = [part for each in _episodes(cells, episode) if (part := draw(episode=each)) is not None]
+    if not noise:
         return world.start(*starts)
     return world.start(*starts, noise=np.reshape(np.stack(noise), (*cells, -1)))
 

@@ -209,6 +209,16 @@ def test_evaluate_draws_gain_against_noise():
     assert {path.name for path in Path("found").iterdir()} == {"noise.nc", "noise.csv", "noise.png"}
 
 
+def test_evaluate_rebuilds_the_sensor_that_a_policy_was_trained_with():
+    sensor = {"type": "memory_with_neighbours", "k": 1, "range": 2.5}
+    words = ("world.sensor={type: memory_with_neighbours, k: 1, range: 2.5}", "hydra.run.dir=seeing")
+    assert run("train", "seed=1", *SHORT, *words)[0] == 0
+    assert load_policy("seeing").card["sensor"] == sensor
+    code, _, said = run("evaluate", "seeing", "--cells", "3", "--life", "4", "--out", "found")
+    assert code == 0, said
+    assert world_of(load_population("found/population.nc")).described()["sensor"] == sensor
+
+
 def test_evaluate_races_policies_against_each_other():
     words = [
         "evaluate",
