@@ -228,7 +228,7 @@ class Scaled:
         ({"speed": 1e300}, r"mean curvature × speed must lie between 1e-9 and 1e9 .*, got \(4e\+300, "),
         (
             {"interval_rule": "exakt"},
-            "interval_rule must be one of exact, truncated, .*; did you mean 'exact'",
+            "interval_rule must be one of common, exact, truncated, .*; did you mean 'exact'",
         ),
         ({"flow": "taylor-green"}, "flow must be one of .*, got 'taylor-green'; did you mean 'taylor_green'"),
         ({"field": LinearField}, r"field must be an object, not a class.*did you mean LinearField\(\)"),

@@ -129,7 +129,7 @@ def check_life(world, cells, dtype, seed, decisions):
         alive = ~before.finished
         time = world.time(state)
 
-        for part in (*state, *outcome):
+        for part in (*state.named("").values(), *outcome):
             assert np.all(np.isfinite(part))
         assert outcome.observation.dtype == np.float32
         assert np.all(np.abs(outcome.observation) <= bounds)

@@ -24,9 +24,28 @@ WRONG = {  # for a key of each type: of another type, of the wrong sign, size
     str: ["no such thing", "", 5, None, ["linear"], {}],
     list: ["abc", 3, [], ["abc"], [-1, 2], [float("nan"), 1], None, {}, [[1], [2]]],
 }
+WRONG_PARTS = {  # of keys that are None or empty by default
+    "evaluation.field": WRONG[str],
+    "world.sensor": WRONG[str],
+    "world.start_box": [*WRONG[list], [[0, 1]], [[1, 0], [0, 1]], [[0, 1e9], [0, 1]]],
+    "world.interactions": ["no such thing", 5, None, ["contact", 3], {}, [{"type": "contact", "a": 1}]],
+    "world.medium": ["abc", 3, [1], {"a": 1}, {"uptake": -1.0}, {"shape": 5}],
+    "world.first_arrivals": [value for value in WRONG[int] if value is not None],
+    "world.binding_rate": [value for value in WRONG[float] if value is not None],
+    "world.spread": ["abc", 3, [1], {"a": 1}, {"speed": -1.0}, {"speed": 1.0}],
+}
 RIGHT = [("evaluation.field", None), ("world.sensor", None), ("world.start_box", None)]  # only look wrong
 FREE = ("experiment", "recipe", "algorithm")  # any printable text: the name of the run; and what chooses keys
-UNBOUNDED = ("noise", "diffusion", "learning_rate", "decay", "entropy", "weight", "max_gradient")
+UNBOUNDED = (
+    "noise",
+    "diffusion",
+    "learning_rate",
+    "decay",
+    "entropy",
+    "weight",
+    "max_gradient",
+    "binding_rate",
+)
 
 
 def nested(key, value):
@@ -36,11 +55,7 @@ def nested(key, value):
 
 
 def wrong_values(key, default):
-    if key == "world.start_box":
-        return [*WRONG[list], [[0, 1]], [[1, 0], [0, 1]], [[0, 1e9], [0, 1]]]
-    if key in ("evaluation.field", "world.sensor"):
-        return WRONG[str]
-    return WRONG[type(default)]
+    return WRONG_PARTS[key] if key in WRONG_PARTS else WRONG[type(default)]
 
 
 @pytest.mark.parametrize(("algorithm", "key"), [pair for pair in KEYS if pair[1] not in FREE])

@@ -16,7 +16,7 @@ from swarm._support.arrays import Array, join, namespace
 from swarm._support.checks import Checked, check_name, check_number, optional, parameter
 from swarm._support.registry import Registry
 
-INTERACTIONS = Registry("interaction", "chemoswarm.interactions")
+INTERACTIONS = Registry("interactions", "chemoswarm.interactions")
 GEOMETRIES = ("film", "bulk")
 TAPER = 0.8  # of the cutoff: from there on an interaction fades smoothly to nothing
 

@@ -47,7 +47,11 @@ def check_spread(name: str, value: Any) -> Spread:
     if isinstance(value, Mapping):
         for key in value:
             check_name(f"parameter of {name}", key, ("speed", "curvature"))
-        return Spread(**value)
+        try:
+            return Spread(**value)
+        except (TypeError, ValueError) as error:
+            kind = TypeError if isinstance(error, TypeError) else ValueError
+            raise kind(f"{name}.{error}") from None
     if not isinstance(value, Spread):
         raise TypeError(f"{name} must be a Spread or a mapping of its parameters, got {value!r}")
     return value

@@ -158,10 +158,13 @@ class Clock:
         taken = xp.astype(action[..., None] == actions, xp.int32)
         return count + xp.where((length > 0)[..., None], taken, xp.zeros_like(taken)), length
 
-    def is_up(self, count: Array) -> Array:
-        """Whether lives (..., cells) have lasted as long as they can."""
+    def is_up(self, count: Array, *, alone: bool = False) -> Array:
+        """Whether lives (..., cells) have lasted as long as they can.
+
+        `alone` is for whoever does nothing further with the flags: quicker where torch compiles.
+        """
         if self.has_common_tick:
-            return at_least(count, self.life_ticks)
+            return at_least(count, self.life_ticks) if alone else count >= self.life_ticks
         return self._elapsed(count, namespace(count).float32) >= self.life * (1 - 1e-6)
 
     def time(self, count: Array, like: Array) -> Array:

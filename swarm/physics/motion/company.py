@@ -24,7 +24,7 @@ from swarm.physics.motion.collocation import Collocation, fastest_change, integr
 from swarm.physics.motion.domain import within
 from swarm.physics.motion.pushes import MAX_STEPS, STEP, Pushes
 
-TOLERANCE = 5e-6  # error allowed to the pose after one interval without contact, in float64 [length, rad]
+TOLERANCE = 2e-6  # error allowed to the pose after one interval without contact, in float64 [length, rad]
 CONVERGED = 1e-8  # change of the pose at which `swim` halves substeps no more [length, rad]
 MOST_SUBSTEPS = 4096
 CROWDING = 2.0  # dipoles beside a cell, whose scales add up
@@ -50,10 +50,11 @@ class Strongest:
 
     flow: Flow
     interactions: tuple[Interaction, ...]
+    change: float  # how fast interactions change [rad / time]
 
     thing = "flow and interactions"
     max_shear = property(lambda self: getattr(self.flow, "max_shear", None))
-    max_frequency = property(lambda self: fastest_change(self.flow))
+    max_frequency = property(lambda self: fastest_change(self.flow) + self.change)
 
     def _sum(self, name: str, of_flow: float | None) -> float:
         own = getattr(self.flow, name) if of_flow is None else of_flow
@@ -98,7 +99,11 @@ class Company:
                 f"stiffness must be at most {MAX_STEPS * STEP / duration:g}, which takes {MAX_STEPS} steps "
                 f"per interval of {duration:g}, got {pushing:g}"
             )
-        strongest = Strongest(flow, tuple(each for each in interactions if not isinstance(each, Contact)))
+        smooth = tuple(each for each in interactions if not isinstance(each, Contact))
+        waves = (each.spin_scale / each.speed_scale for each in smooth if getattr(each, "speed_scale", 0) > 0)
+        # a dipole turns twice as fast as its cell, two cells pass at twice their speed, and they may be near
+        change = 2.5 * (turn + max(waves, default=0.0) * length) / duration if smooth else 0.0
+        strongest = Strongest(flow, smooth, change)
         scheme = Collocation.for_interval(strongest, turn, length, duration, spacing, TOLERANCE)
         return cls(flow, interactions, scheme)
 

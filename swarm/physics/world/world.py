@@ -302,7 +302,7 @@ class World(Parameters):
         arrival_time: Array,
     ) -> tuple[Array, Array, Array]:
         """Which cells have arrived, which are out of time or of the domain, and whose lives are over."""
-        truncated = finished = self.clock.is_up(interval.count)
+        truncated = finished = self.clock.is_up(interval.count, alone=not self._ends_early)
         terminated = nowhere(finished)
         if left is not None:
             truncated = truncated | left

@@ -1,0 +1,285 @@
+"""Cells that move each other: laws of pairs, the coupled equations, and what a crowd must not feel."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import swarm
+from swarm.physics.crowd.neighbours import near_pairs, neighbours
+from swarm.physics.starts import draw_starts
+from swarm.physics.world import World
+
+CONTACT, DENSE = swarm.Contact(0.1, 100.0), ((0.0, 1.0), (0.0, 1.0))
+
+
+def centres(pose, kappa):
+    """Of the circles that cells swim on."""
+    return pose.position + np.stack([-np.sin(pose.heading), np.cos(pose.heading)], -1) / kappa
+
+
+def apart(position):
+    return float(np.hypot(*(position[1] - position[0])))
+
+
+@pytest.mark.parametrize(("diameter", "stiffness"), [(0.1, 100.0), (0.05, 200.0), (0.1, 40.0)])
+def test_two_cells_head_on_stop_where_contact_holds_them(diameter, stiffness):
+    position = np.array([[0.0, 0.0], [0.95 * diameter, 0.0]])
+    contact = [swarm.Contact(diameter, stiffness)]
+    end = swarm.swim(position, np.array([0.0, math.pi]), 0.0, 1.0, 20 / (2 * stiffness), interactions=contact)
+    assert apart(end.position) == pytest.approx(diameter - 1 / stiffness, abs=1e-6)
+
+
+@pytest.mark.parametrize("time", [1.0, 5.0])
+def test_side_by_side_pushers_come_nearer_as_the_law_says(time):
+    position, heading, p = np.array([[0.0, 0.0], [1.0, 0.0]]), np.full(2, math.pi / 2), 0.1
+    film, bulk = (
+        apart(
+            swarm.swim(
+                position, heading, 0.0, 1.0, time, interactions=swarm.Dipole(p, 0.0, geometry)
+            ).position
+        )
+        for geometry in ("film", "bulk")
+    )
+    assert film**2 == pytest.approx(1 - p * time / math.pi, abs=1e-8)
+    assert bulk**3 == pytest.approx(1 - 3 * p * time / (4 * math.pi), abs=1e-8)
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.0])
+def test_distant_circling_pushers_repel_in_bulk_and_stay_in_a_film(phase):
+    kappa, turns, distance, p = 4.0, 10, 4.0, 0.25
+    theta = np.array([0.3, 0.3 + phase])
+    position = np.array([[0.0, 0.0], [distance, 0.0]]) - np.stack([-np.sin(theta), np.cos(theta)], -1) / kappa
+    time = turns * 2 * math.pi / kappa
+    bulk, film = (
+        apart(
+            centres(
+                swarm.swim(position, theta, kappa, 1.0, time, interactions=swarm.Dipole(p, 0.0, each)), kappa
+            )
+        )
+        for each in ("bulk", "film")
+    )
+    law = 3 * p * time / (8 * math.pi)
+    # out of phase the orbits turn about each other: to second order 9/4 cos²(Δφ/2) (ρ/R)² more
+    more = 2.25 * math.cos(phase / 2) ** 2 * (2 / kappa * math.sin(phase / 2) / distance) ** 2
+    assert bulk**3 - distance**3 == pytest.approx(law * (1 + more), rel=1e-4)
+    assert film == pytest.approx(distance, abs=2e-4)
+
+
+def reference(world, state, action):
+    """Positions after a decision, from the coupled equations of all cells."""
+    cells = state.position.shape[0]
+    kappa = np.asarray(world.curvatures)[action]
+    alive = np.ones(cells, bool)
+
+    def rate(_, numbers):
+        x, y, theta = numbers.reshape(3, cells)
+        position, heading = np.stack([x, y], -1), np.stack([np.cos(theta), np.sin(theta)], -1)
+        velocity, spin = heading * world.speed + world.flow.velocity(position), world.speed * kappa
+        spin = spin + world.flow.spin(position)
+        for each in world.interactions:
+            drift, turning = each.drift(position, heading, alive)
+            velocity, spin = velocity + drift, spin + turning
+        return np.concatenate([velocity[:, 0], velocity[:, 1], spin])
+
+    start = np.concatenate([*state.position.T, world.heading_angle(state)])
+    longest = 0.002 if any(isinstance(each, swarm.Contact) for each in world.interactions) else np.inf
+    options = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-11, "max_step": longest}
+    return solve_ivp(rate, (0, world.intervals[0]), start, **options).y[: 2 * cells, -1].reshape(2, cells).T
+
+
+DIPOLES = [swarm.Dipole(0.2, 0.25), swarm.Dipole(0.25, 0.25, "bulk")]
+
+
+@pytest.mark.parametrize(
+    ("interactions", "flow", "bound"),
+    [
+        ([DIPOLES[0]], "still", 1e-5),
+        ([DIPOLES[1]], "still", 1e-5),
+        ([DIPOLES[0]], "taylor_green", 1e-5),
+        ([CONTACT], "still", 1e-4),
+        ([swarm.Contact(0.05, 200.0)], "still", 1e-4),
+        ([CONTACT, DIPOLES[0]], "still", 1e-4),
+    ],
+)
+def test_a_decision_solves_the_coupled_equations(interactions, flow, bound):
+    world = World(interactions=interactions, flow=flow, start_box=((0, 1.6), (0, 1.6)))
+    state = world.start(*draw_starts(world, 9, 4))
+    rng = np.random.default_rng(0)
+    for turn in range(4):
+        action = rng.integers(2, size=9)
+        after, _ = world.step(state, action)
+        if turn > 0:  # the first separates cells that were drawn on top of each other
+            error = np.abs(after.position - reference(world, state, action)).max()
+            assert error <= bound
+        state = after
+
+
+def test_contact_is_of_second_order_through_its_kink():
+    position, heading = np.array([[0.0, 0.0], [0.18, 0.03]]), np.array([0.0, math.pi])
+    from swarm.physics.motion.arc import Pose
+    from swarm.physics.motion.collocation import Collocation
+    from swarm.physics.motion.company import Company
+
+    pose = Pose(position, np.stack([np.cos(heading), np.sin(heading)], -1))
+    arcs = np.array([3.0, 5.0]), np.ones(2), np.full(2, 0.2)
+
+    def end(substeps):
+        company = Company(swarm.StillWater(), (CONTACT,), Collocation(3, 2, substeps))
+        return company.swim(pose, *arcs, np.ones(2, bool))[0].position
+
+    best = end(4096)
+    coarse, fine = (np.abs(end(substeps) - best).max() for substeps in (64, 256))
+    assert fine < coarse / 12
+
+
+def crowd(cells, seed=0, **parameters):
+    world = World(life=20.0, **parameters)
+    return world, draw_starts(world, cells, seed)
+
+
+def live(world, starts, decisions=5, seed=0):
+    state = world.start(*starts)
+    rng = np.random.default_rng(seed)
+    for _ in range(decisions):
+        state, _ = world.step(state, rng.integers(2, size=len(starts.heading)))
+    return state
+
+
+def test_no_pair_ends_nearer_than_four_fifths_of_the_diameter():
+    world, starts = crowd(60, interactions=CONTACT, start_box=((0, 2), (0, 2)))
+    state = world.start(*starts)
+    rng = np.random.default_rng(1)
+    for turn in range(30):
+        state, _ = world.step(state, rng.integers(2, size=60))
+        if turn > 3:
+            distances = np.hypot(*np.moveaxis(state.position[:, None] - state.position, -1, 0))
+            assert distances[~np.eye(60, dtype=bool)].min() > 0.8 * CONTACT.diameter
+
+
+def test_another_order_of_the_cells_permutes_what_happens():
+    world, starts = crowd(30, interactions=["contact", "dipole"], start_box=((0, 3), (0, 3)))
+    order = np.random.default_rng(2).permutation(30)
+    state, other = world.start(*starts), world.start(*(part[order] for part in starts))
+    action = np.random.default_rng(3).integers(2, size=30)
+    for _ in range(2):
+        state, other = world.step(state, action)[0], world.step(other, action[order])[0]
+    np.testing.assert_allclose(other.position, state.position[order], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("cells", [20, 200])
+def test_two_far_crowds_do_not_feel_each_other(cells):
+    interactions = [CONTACT, swarm.Dipole(0.2, 0.25, cutoff=2.0)]
+    world, starts = crowd(cells, interactions=interactions, start_box=((0, 8), (0, 8)))
+    position = np.concatenate([starts.position, starts.position + 1000.0])
+    both = [position, np.tile(starts.heading, 2), np.tile(starts.past, (2, 1))]
+    state, alone = world.start(*both), world.start(*starts)
+    action = np.ones(cells, int)
+    for _ in range(3):
+        state, alone = world.step(state, np.tile(action, 2))[0], world.step(alone, action)[0]
+    np.testing.assert_allclose(state.position[:cells], alone.position, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(state.position[cells:] - 1000, alone.position, rtol=0, atol=1e-8)
+
+
+def test_lists_of_neighbours_find_what_all_pairs_find():
+    dipole, rng = swarm.Dipole(0.2, 0.25, cutoff=1.0), np.random.default_rng(0)
+    position, heading = rng.uniform(0, 9, (2, 300, 2)), rng.uniform(-3, 3, (2, 300))
+    heading, alive = np.stack([np.cos(heading), np.sin(heading)], -1), rng.random((2, 300)) < 0.9
+    pairs = neighbours(dipole, position, np.full((2, 300), 0.2), alive)
+    velocity, spin = dipole.drift(position, heading, alive)
+    x, y, ahead, aside = (
+        part[None, ...] for part in (*np.moveaxis(position, -1, 0), *np.moveaxis(heading, -1, 0))
+    )
+    u, v, turning = pairs.drift(dipole, x, y, (ahead, aside))
+    for ours, theirs in ((u[0], velocity[..., 0]), (v[0], velocity[..., 1]), (turning[0], spin)):
+        np.testing.assert_allclose(np.where(alive, ours, 0), np.where(alive, theirs, 0), rtol=0, atol=1e-12)
+    rows = np.stack(near_pairs(position, 0.7, alive), axis=-1)
+    found = {frozenset(pair) for pair in rows.tolist()}
+    flat, row = position.reshape(-1, 2), np.repeat([0, 1], 300)
+    near = np.hypot(*np.moveaxis(flat[:, None] - flat, -1, 0)) <= 0.7
+    near &= (row[:, None] == row) & alive.reshape(-1)[:, None] & alive.reshape(-1)
+    expected = {frozenset(pair) for pair in np.argwhere(np.triu(near, 1)).tolist()}
+    assert found == expected
+
+
+def test_who_has_finished_neither_acts_nor_moves():
+    world, starts = crowd(12, interactions=["contact", "dipole"], start_box=DENSE)
+    state = world.start(*starts)
+    gone = np.arange(12) < 4
+    state, alone = state._replace(finished=gone), world.start(*(part[4:] for part in starts))
+    action = np.ones(12, int)
+    after, only = world.step(state, action)[0], world.step(alone, action[4:])[0]
+    np.testing.assert_allclose(after.position[4:], only.position, rtol=0, atol=1e-12)
+
+
+def test_batched_worlds_and_torch_live_as_one_world_in_numpy():
+    torch = pytest.importorskip("torch")
+    world, starts = crowd(24, interactions=["contact", "dipole"], start_box=((0, 3), (0, 3)))
+    position, heading, past = (part.reshape(2, 12, *part.shape[1:]) for part in starts)
+    action = np.random.default_rng(0).integers(2, size=(4, 2, 12))
+    batch = world.start(position, heading, past)
+    tensors = world.start(*(torch.as_tensor(part) for part in (position, heading, past)))
+    ones = [world.start(position[i], heading[i], past[i]) for i in range(2)]
+    for turn in action:
+        batch, tensors = world.step(batch, turn)[0], world.step(tensors, torch.as_tensor(turn))[0]
+        ones = [world.step(one, turn[i])[0] for i, one in enumerate(ones)]
+    for i, one in enumerate(ones):
+        np.testing.assert_allclose(batch.position[i], one.position, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(tensors.position[i].numpy(), one.position, rtol=0, atol=1e-9)
+
+
+def test_one_cell_and_ten_thousand():
+    dipole = swarm.Dipole(0.2, 0.25, cutoff=2.0)
+    for cells, size in ((1, 10), (10_000, 160)):
+        world, starts = crowd(cells, interactions=[CONTACT, dipole], start_box=((0, size), (0, size)))
+        assert np.isfinite(live(world, starts, 1).position).all()
+    lonely, starts = crowd(1, interactions=[CONTACT, dipole])
+    still = World(life=20.0)
+    np.testing.assert_allclose(
+        live(lonely, starts).position, live(still, starts).position, rtol=0, atol=1e-12
+    )
+
+
+def test_users_bring_their_own_interaction():
+    class Wind:
+        def drift(self, position, heading, alive):
+            return np.broadcast_to([0.1, 0.0], position.shape), 0.0 * position[..., 0]
+
+    world, starts = crowd(3, interactions=Wind())
+    calm = World(life=20.0)
+    moved = live(world, starts, 5).position - live(calm, starts, 5).position
+    np.testing.assert_allclose(moved, np.tile([0.1 * 5 * world.intervals[0], 0.0], (3, 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"interactions": swarm.Contact(0.1, 1e6)}, "stiffness must be at most .*, got 1e[+]06"),
+        ({"interactions": swarm.Dipole(0.1, 0.0)}, "core must be above 0 .*, got Dipole"),
+        ({"interactions": "contact", "varying_speed": True}, "interval_rule must be 'common' .*"),
+        ({"interactions": 3}, "interactions must be objects with drift.*, got 3"),
+        (
+            {"interactions": "contacts"},
+            "interactions must be one of contact, dipole, .*'contacts'; did",
+        ),
+        (
+            {"interactions": {"type": "contact", "diameter": -1}},
+            "interactions 'contact': diameter .* got -1",
+        ),
+        (
+            {"interactions": {"type": "dipole", "geometry": "flat"}},
+            "interactions 'dipole': geom.*'flat'",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(parameters, message):
+    with pytest.raises((TypeError, ValueError), match=f"^{message}") as error:
+        World(**parameters)
+    assert "\n" not in str(error.value)
+
+
+def test_cells_of_unlike_speeds_decide_together_by_the_common_rule():
+    world = World(interactions="contact", varying_speed=True, interval_rule="common")
+    assert len(set(world.intervals)) == 1
+    assert world.intervals == World(interval_rule="common").intervals
