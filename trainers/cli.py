@@ -181,6 +181,9 @@ Cells = Annotated[int | None, typer.Option(help="How many cells; default: as the
 Life = Annotated[float | None, typer.Option(help="Length of a life, t_life; default: alike, or 80.")]
 Seed = Annotated[int, typer.Option(help="Seed of the starts.")]
 NewFolder = Annotated[Path | None, typer.Option(help="New folder for tables, results and figures.")]
+Worlds = typer.Option(help="How many worlds of so many cells; default: 1, of a contest 40.")
+Against = typer.Option(help="A policy to race against in the same worlds.", metavar="POLICY")
+Share = typer.Option(help="Of the cells, which the first policy steers against the other; default: 0.5.")
 Noise = typer.Option(help="Strength of a perturbation; several draw gain against noise.", metavar="LEVEL,...")
 NoiseKind = typer.Option(help="What --noise perturbs: concentration (default), curvature or rotation.")
 Picture = typer.Option(help="A film (.mp4, .gif) or a page (.html); without: a window.")
@@ -196,48 +199,29 @@ def evaluate(
     seed: Seed = 0,
     noise: Annotated[list[str] | None, Noise] = None,
     noise_kind: Annotated[str | None, NoiseKind] = None,
+    worlds: Annotated[int | None, Worlds] = None,
+    against: Annotated[str | None, Against] = None,
+    share: Annotated[float | None, Share] = None,
     out: NewFolder = None,
 ) -> None:
     """Test a policy on fresh cells, next to greedy, swinging and the physical limit."""
     from swarm._support import files
-    from swarm._support.terminal import Progress, print_table
-    from swarm.figures.evaluation import save_evaluation, save_noise_sweep
-    from swarm.population import evaluation
-    from swarm.population import noise as noise_sweeps
-    from trainers.settings.composition import settings_of
+    from swarm._support.terminal import print_table
+    from trainers.jobs.trial import trial
 
     if out is not None:
         files.check_new_folder(out)
-    levels, kind = _noise_levels(noise or (), noise_kind)
-    settings = settings_of(policy, experiment)
-    world, test = settings.test_world(), settings.evaluation
-    options: dict[str, Any] = {"cells": test.cells if cells is None else cells, "seed": seed}
-    options["life"] = test.life if life is None else life
-    if len(levels) > 1:
-        with Progress("levels of noise", len(levels)) as bar:
-            found = noise_sweeps.sweep_noise(policy, world, levels, kind=kind, progress=bar.show, **options)
-        if out is not None:
-            save_noise_sweep(found, out)
-        print_table(found.table.headings, found.table.texts)
+    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
+    perturbed: dict[str, Any] = {"levels": noise or (), "kind": noise_kind}
+    found = trial(policy, experiment, **sizes, **perturbed, against=against, share=share)
+    if out is not None:
+        found.save(out)
+    if found.tested is not None:
+        _print_test(found.tested)
     else:
-        (world,) = noise_sweeps.check_levels(levels, kind, world) if levels else [world]
-        tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
-        if out is not None:
-            save_evaluation(tested, out)
-        _print_test(tested)
+        print_table(found.table.headings, found.table.texts)
     if out is not None:
         print(f"results and figures are in {out}")
-
-
-def _noise_levels(words: Sequence[str], kind: str | None) -> tuple[list[float], str]:
-    """Levels of noise, rising, and their kind, from the words of `--noise`, with or without commas."""
-    if kind is not None and not words:
-        raise ValueError(f"--noise-kind must come with --noise, got {kind!r} alone")
-    try:
-        levels = [float(part.strip()) for word in words for part in word.split(",")]
-    except ValueError:
-        raise ValueError(f"--noise must be numbers, separated by commas, got {','.join(words)!r}") from None
-    return sorted(levels), kind or "concentration"
 
 
 @app.command()

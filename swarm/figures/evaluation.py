@@ -5,15 +5,19 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from swarm import figures
 from swarm._support import files
 from swarm._support.tables import Table
 from swarm._support.terminal import dispensable
+from swarm.population import contests
 from swarm.population.evaluation import Evaluation
 from swarm.population.noise import KINDS, NoiseSweep, records
-from swarm.population.results import RIVAL, save_population
+from swarm.population.results import RIVAL, pooled, save_population
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
@@ -22,7 +26,7 @@ def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
 
     Raises FileExistsError where `out` is something else than a new or an empty folder.
     """
-    results, world = found.results, found.world
+    results, world = pooled(found.results), found.world
     contenders = list(dict.fromkeys([found.label, RIVAL]))
     text = json.dumps(found.summary, indent=2, allow_nan=False, ensure_ascii=False)
     drawn: dict[str, Callable[[], Any]] = {
@@ -33,7 +37,7 @@ def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
     if world.egg is not None:
         drawn["radial"] = lambda: figures.radial(results, world, policy=found.label)
     with files.new_folder(out) as folder:
-        save_population(results, folder / "population.nc")
+        save_population(found.results, folder / "population.nc")
         (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
         for name, draw in drawn.items():
             with dispensable(f"{name}.png"):
@@ -51,3 +55,10 @@ def save_noise_sweep(found: NoiseSweep, out: str | os.PathLike) -> None:
         with dispensable("noise.png"):
             figure = figures.noise_sweep(levels, found.tests, label=f"{kind.label} [{units}]")
             figures.save(figure, folder / "noise.png")
+
+
+def save_contest(results: xr.Dataset, out: str | os.PathLike) -> None:
+    """Writes contest.nc and contest.csv; raises FileExistsError as `save_evaluation` does."""
+    with files.new_folder(out) as folder:
+        results.to_netcdf(folder / "contest.nc", engine="h5netcdf")
+        (folder / "contest.csv").write_text(contests.table(results).as_csv(), encoding="utf-8")

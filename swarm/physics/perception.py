@@ -6,13 +6,15 @@ concentrations, which changes with every decision. Memory is (..., cells, N_T, f
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from swarm._support.arrays import join, namespace
+from swarm._support.arrays import as_array, join, namespace
+from swarm._support.checks import Checked, check_count, check_number, parameter
 from swarm._support.registry import Registry
 from swarm.physics.motion.arc import components
 from swarm.physics.motion.collocation import velocity_and_spin
@@ -33,14 +35,15 @@ class Situation(NamedTuple):
     curvature: Array  # (..., cells) κ*, chosen for the interval that ends here
     finished: Array  # (..., cells) bool: the life was over before
     factors: Array = None  # (..., cells, 2) of the cell's own speed and curvature; None where all are alike
+    alone: bool = False  # in the past before t = 0, which every cell swam by itself
 
 
 @runtime_checkable
 class Sensor(Protocol):
     """What the world asks of a sensor.
 
-    Used when there: `needs_time = True`, and `check(world)`, which raises ValueError where the sensor does
-    not fit a world.
+    Used when there: `needs_time = True`; `senses_others = True`, which makes cells decide at the same
+    moments; and `check(world)`, which raises ValueError where the sensor does not fit a world.
     """
 
     @property
@@ -132,6 +135,107 @@ class MemoryWithFlow(Memory):
             )
         )
         return *super().bounds(world), speed, speed, spin
+
+
+@SENSORS.register("memory_with_traits")
+@dataclass(frozen=True)
+class MemoryWithTraits(Memory):
+    """Concentration, curvature and what the cell itself is: its factors of speed and curvature less 1."""
+
+    name = "memory_with_traits"
+    names: ClassVar[tuple[str, ...]] = (*Memory.names, "own_speed", "own_curvature")
+
+    def check(self, world: World) -> None:
+        """Raises ValueError where cells are all alike."""
+        if world.spread is None:
+            raise ValueError("sensor memory_with_traits must go with a world that has a spread, got None")
+
+    def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
+        """c κ̄/c_k, κ*, and both factors less 1."""
+        factors = situation.factors
+        return *super().record(world, time, situation), factors[..., 0] - 1, factors[..., 1] - 1
+
+    def bounds(self, world: World) -> Sequence[float]:
+        """Three standard deviations, at which the spread ends."""
+        return *super().bounds(world), *(1.001 * (most - 1) + 1e-6 for most in world.spread.largest)
+
+
+@SENSORS.register("memory_with_neighbours")
+@dataclass(frozen=True)
+class MemoryWithNeighbours(Checked):
+    """Concentration, curvature and the `k` nearest living others within a `range`, the nearest first.
+
+    Each is seen in the cell's own frame by four numbers: the direction to it, ahead and to the left, and its
+    heading, along and across the own. All are scaled by its closeness 1 − r/range, so that who comes into
+    sight appears gradually; where there are fewer than k, and in the past before t = 0, they are 0. Of a cell
+    in the same place there is a heading but no direction. In a medium that wraps, the nearest image counts.
+    All pairs of cells are looked at.
+    """
+
+    k: int = parameter(3, check_count)
+    range: float = parameter(1.0, check_number, above=0.0)  # [length]
+
+    name: ClassVar[str] = "memory_with_neighbours"
+    senses_others: ClassVar[bool] = True
+
+    @property
+    def names(self) -> Sequence[str]:
+        """neighbour_1_ahead, _left, _along, _across, neighbour_2_ahead, …, after those of `Memory`."""
+        parts = ("ahead", "left", "along", "across")
+        return *Memory.names, *(f"neighbour_{i + 1}_{part}" for i in range(self.k) for part in parts)
+
+    def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
+        """c κ̄/c_k, κ*, and four numbers of each neighbour."""
+        plain = Memory().record(world, time, situation)
+        if situation.alone:
+            nothing = namespace(situation.position).zeros_like(situation.position[..., 0])
+            return *plain, *(4 * self.k * [nothing])
+        medium = world.medium
+        size = medium.mesh.size if medium is not None and medium.leaving == "wrap" else None
+        return *plain, *self._neighbours(situation, size)
+
+    def bounds(self, world: World) -> Sequence[float]:
+        """1 for all numbers of neighbours."""
+        return *Memory().bounds(world), *(4 * self.k * [1.001])
+
+    def _neighbours(self, situation: Situation, size: tuple[float, float] | None) -> list[Array]:
+        xp = namespace(situation.position)
+        apart = situation.position[..., None, :, :] - situation.position[..., :, None, :]  # maker − seer
+        x, y = apart[..., 0], apart[..., 1]
+        if size is not None:
+            x, y = x - size[0] * xp.round(x / size[0]), y - size[1] * xp.round(y / size[1])
+        row = as_array(np.arange(x.shape[-1]), x, dtype=xp.int64)
+        others = (row[:, None] != row) & ~situation.finished[..., None, :]
+        squared = x * x + y * y
+        nowhere = xp.full_like(squared, math.inf)
+        squared = xp.where(others & (squared < self.range**2), squared, nowhere)
+        heading = situation.heading[..., 0], situation.heading[..., 1]
+        makers = [xp.broadcast_to(each[..., None, :], x.shape) for each in heading]
+        seen: list[Array] = []
+        for _ in range(self.k):
+            nearest = xp.argmin(squared, axis=-1)[..., None]
+            far, *found = (
+                xp.take_along_axis(each, nearest, axis=-1)[..., 0] for each in (squared, x, y, *makers)
+            )
+            close = xp.isfinite(far)
+            distance = xp.sqrt(xp.where(close, far, xp.zeros_like(far)))
+            closeness = xp.where(close, 1 - distance / self.range, xp.zeros_like(far))
+            per_length = closeness / xp.where(distance > 0, distance, xp.ones_like(distance))
+            seen += _in_frame(heading, found[0] * per_length, found[1] * per_length)
+            seen += _in_frame(heading, found[2] * closeness, found[3] * closeness)
+            squared = xp.where(row == nearest, nowhere, squared)
+        return seen
+
+
+def _in_frame(heading: tuple[Array, Array], x: Array, y: Array) -> tuple[Array, Array]:
+    """A vector's parts along the heading and to its left."""
+    return x * heading[0] + y * heading[1], y * heading[0] - x * heading[1]
+
+
+def described(sensor: Sensor) -> str | dict[str, Any]:
+    """A sensor as policies' cards hold it: its name, or type and parameters, of which a world makes it."""
+    told = SENSORS.describe(sensor) or {}
+    return told if len(told) > 1 else sensor.name
 
 
 def check_sensor(name: str, value: Any) -> Sensor:

@@ -18,7 +18,10 @@ REWARDS = Registry("reward", "chemoswarm.rewards")
 
 @runtime_checkable
 class Reward(Protocol):
-    """What the world asks of a reward."""
+    """What the world asks of a reward.
+
+    Used when there: `check(world)`, which raises ValueError where the reward does not fit a world.
+    """
 
     def reward(self, world: World, before: State, after: State, outcome: Outcome) -> Array:
         """The rewards (..., cells) of the decision that led from one state to the other.
@@ -51,6 +54,41 @@ class Team(Own):
         total = xp.sum(xp.where(before.finished, nothing, own), axis=-1, keepdims=True)
         living = xp.sum(xp.where(before.finished, nothing, nothing + 1), axis=-1, keepdims=True)
         return total / xp.where(living > 0, living, living + 1) + nothing
+
+
+@REWARDS.register("arrival")
+@dataclass(frozen=True)
+class Arrival:
+    """1 for a winner of the race, at the decision in which it arrives in time; else 0."""
+
+    def check(self, world: World) -> None:
+        """Raises ValueError where nobody races."""
+        if world.first_arrivals is None:
+            raise ValueError("reward 'arrival' must go with first_arrivals, got a world without a race")
+
+    def reward(self, world: World, before: State, after: State, outcome: Outcome) -> Array:
+        """Who has won now and had not before: later arrivals never take a win away."""
+        xp = namespace(after.position)
+        return xp.astype(world.won(after) & ~world.won(before), after.position.dtype)
+
+
+@REWARDS.register("eaten")
+@dataclass(frozen=True)
+class Eaten:
+    """What a cell eats in a decision, over k ΔT c_k/κ̄, in which k is the uptake.
+
+    That is the mean concentration on its way, as records hold it.
+    """
+
+    def check(self, world: World) -> None:
+        """Raises ValueError where nobody eats."""
+        if world.medium is None or world.medium.uptake == 0:
+            raise ValueError(f"reward 'eaten' must go with a medium with uptake, got medium={world.medium!r}")
+
+    def reward(self, world: World, before: State, after: State, outcome: Outcome) -> Array:
+        """The amounts eaten since, by the whole ΔT also in the last decision, which may be shorter."""
+        scale = world.record_scale / (world.medium.uptake * world.intervals[0])
+        return (after.medium.eaten - before.medium.eaten) * scale
 
 
 def check_reward(name: str, value: Any) -> Reward:

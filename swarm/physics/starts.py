@@ -65,6 +65,19 @@ def draw_starts(
     return cast(Starts, SpreadStarts(*starts, world.spread.factors(normal)))  # a tuple cannot grow
 
 
+def draw_worlds(
+    world: World,
+    cells: int,
+    seed: int,
+    episodes: Sequence[int],
+    *,
+    population: streams.Population = "test",
+) -> Starts:
+    """Starts (worlds, cells, …) of several worlds, each of the episode that is named."""
+    drawn = [draw_starts(world, cells, seed, population=population, episode=each) for each in episodes]
+    return type(drawn[0])(*(np.stack(parts) for parts in zip(*drawn, strict=True)))
+
+
 def noise_of(world: World) -> Callable[..., np.ndarray]:
     """What draws the numbers (cells, decisions, channels) that `World.step` takes as noise."""
     return draw_noise if world.binding_rate is None else draw_noise_and_bindings

@@ -19,6 +19,7 @@ import numpy as np
 from swarm._support import files, tensors
 from swarm._support.arrays import namespace
 from swarm._support.checks import check_name
+from swarm._support.registry import TYPE
 from swarm.physics import perception
 from swarm.physics.world import State, World
 from swarm.policies.policy_file import (
@@ -43,10 +44,10 @@ BLOCK = 64  # rows that are always computed together
 class Network:
     """Q-values of every action by a fully connected network: tanh between layers, linear output.
 
-    The card says what it was made for: `n_records` (N_T), `features` (numbers per record) and `sensor`, the
-    name of what takes the records (default: memory for 2, memory_with_flow for 5 features), and by which
-    `algorithm` it learnt (default: dqn); anything else that JSON can hold may follow. Raises PolicyError
-    unless layers and card agree.
+    The card says what it was made for: `n_records` (N_T), `features` (numbers per record) and `sensor`, what
+    takes the records, by its name or as `{"type": name, parameter: value, …}` (default: memory for 2,
+    memory_with_flow for 5 features), and by which `algorithm` it learnt (default: dqn); anything else that
+    JSON can hold may follow. Raises PolicyError unless layers and card agree.
     """
 
     def __init__(self, weights: Sequence[Any], biases: Sequence[Any], card: dict[str, Any]) -> None:
@@ -87,8 +88,8 @@ class Network:
         return self.card["features"]
 
     @property
-    def sensor(self) -> str:
-        """Name of the sensor it was trained with."""
+    def sensor(self) -> str | dict[str, Any]:
+        """The sensor it was trained with: its name, or its type and parameters."""
         return self.card.get("sensor") or SENSORS[self.features]
 
     @property
@@ -139,20 +140,28 @@ class Network:
 
     def check_fits(self, world: World) -> None:
         """Raises PolicyError unless the network can steer cells of this world."""
-        observed = (world.sensor.name, world.features), (SENSORS[2], 2)  # which every record begins with
+        there = perception.described(world.sensor)
+        observed = (there, world.features), (SENSORS[2], 2)  # which every record begins with
         if self.n_records != world.n_records or (self.sensor, self.features) not in observed:
             hint = "; it senses the flow: sense_flow=True" if self.sensor == SENSORS[5] else ""
             raise PolicyError(
                 f"policy must fit what the world's cells observe: the policy takes {self.n_inputs} numbers "
-                f"(n_records = {self.n_records}, {self.features} of {self.sensor} in each), the world gives "
-                f"{world.observation_size} (n_records = {world.n_records}, {world.features} of "
-                f"{world.sensor.name} in each){hint}"
+                f"(n_records = {self.n_records}, {self.features} of {_told(self.sensor)} in each), the world "
+                f"gives {world.observation_size} (n_records = {world.n_records}, {world.features} of "
+                f"{_told(there)} in each){hint}"
             )
         if self.n_actions != world.n_actions:
             raise PolicyError(
                 f"policy must have one value for each action of the world: the policy has {self.n_actions}, "
                 f"the world {world.n_actions}"
             )
+
+
+def _told(sensor: str | dict[str, Any]) -> str:
+    if isinstance(sensor, str):
+        return sensor
+    parameters = ", ".join(f"{name}={value}" for name, value in sensor.items() if name != TYPE)
+    return f"{sensor[TYPE]}({parameters})"
 
 
 def save_policy(network: Network, path: str | os.PathLike) -> None:

@@ -13,6 +13,8 @@ Array = Any
 class Policy(Protocol):
     """Maps a state to actions and keeps nothing: the same state and random numbers give the same actions, on
     any array library and with any leading axes.
+
+    Used when there: `sensor`, whose records it is shown in a contest, as a world takes it; else the world's.
     """
 
     def act(self, world: World, state: State, uniform: Array) -> Array:

@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 from swarm._support.checks import check_count
+from swarm._support.registry import TYPE
 from swarm._support.tensors import Shapes
 
 POLICY_FILE = "policy.safetensors"  # its name in a run folder
@@ -58,10 +59,9 @@ def check_card(card: dict[str, Any]) -> dict[str, Any]:
         except (TypeError, ValueError) as error:
             raise PolicyError(str(error)) from None
     sensor = plain.get("sensor", SENSORS.get(plain["features"]))
-    if not isinstance(sensor, str):
-        raise PolicyError(
-            f"card must state the sensor of {plain['features']} features by its name, got {sensor!r}"
-        )
+    if not isinstance(sensor.get(TYPE) if isinstance(sensor, dict) else sensor, str):
+        rule = f"card must state the sensor of {plain['features']} features by name, or type and parameters"
+        raise PolicyError(f"{rule}, got {sensor!r}")
     algorithm = plain.get("algorithm", "dqn")
     if not isinstance(algorithm, str) or not algorithm.isidentifier() or len(algorithm) > MAX_NAME:
         raise PolicyError(

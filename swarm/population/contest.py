@@ -12,7 +12,7 @@ from swarm._support import provenance, streams
 from swarm._support.checks import check_count, check_flag, check_memory
 from swarm.optimal import physical_limit
 from swarm.physics.motion.arc import centre_of_curvature
-from swarm.physics.starts import Starts, draw_starts
+from swarm.physics.starts import Starts, draw_worlds
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy, check_policy
 from swarm.policies.strategies import Greedy
@@ -28,6 +28,7 @@ def population_test(
     policies: Mapping[str, AnyPolicy],
     *,
     cells: int = 40,
+    worlds: int = 1,
     life: float = 200.0,
     seed: int = 0,
     record: bool = True,
@@ -35,29 +36,34 @@ def population_test(
     population: streams.Population = "test",
     episode: int = 0,
 ) -> xr.Dataset:
-    """Lives of `cells` cells under each policy, all from the same starts and with the same random numbers.
+    """Lives of `cells` cells in each of `worlds` worlds under each policy, all from the same starts and with
+    the same random numbers.
 
     Per (policy, cell): gain, maximal_gain, arrived, lifetime, decisions; with `record` also per decision,
     from the start (0) on and NaN after the end: time, position, heading, curvature, centre (of curvature),
-    concentration. Attributes: seed, life, settings of the world (JSON), versions, commit, and the limit where
-    there is one and `limit` is asked for. "greedy" is added where it is missing. Raises ValueError for a
-    field or flow that returns NaN.
+    concentration. With several worlds, those of one episode after the other, they are per (policy, world,
+    cell). Attributes: seed, life, settings of the world (JSON), versions, commit, `coupled` (1) where what
+    one cell does can matter to another, and the limit where there is one and `limit` is asked for. "greedy"
+    is added where it is missing. Raises ValueError for a field or flow that returns NaN.
     """
     policies = _with_rival(policies)
     check_count("cells", cells)
+    check_count("worlds", worlds)
     seed = streams.check_seed(seed)
     check_flag("record", record)
     world = world.replace(life=life)
-    needed = memory_needed(world, cells, len(policies) if record else 0)
-    check_memory(needed, f"cells must be fewer, or life shorter, got {cells} and {life:g}")
-    starts = draw_starts(world, cells, seed, population=population, episode=episode)
+    needed = memory_needed(world, cells * worlds, len(policies) if record else 0)
+    check_memory(needed, f"cells must be fewer, or life shorter, got {cells * worlds} and {life:g}")
+    starts = draw_worlds(world, cells, seed, range(episode, episode + worlds), population=population)
+    everyone = type(starts)(*(part.reshape(-1, *part.shape[2:]) for part in starts))
+    starts = starts if worlds > 1 else everyone
     lived = {
         name: lives(
             world, policy, starts, seed, name=name, population=population, episode=episode, record=record
         )
         for name, policy in policies.items()
     }
-    bound = physical_limit.limit(world, starts) if limit else None
+    bound = physical_limit.limit(world, everyone) if limit else None
     attributes = {
         "title": "Population test: the same starts for every policy",
         "seed": seed,
@@ -67,6 +73,8 @@ def population_test(
         "versions": json.dumps(provenance.versions()),
         "commit": provenance.commit() or "",
     }
+    if world.is_shared:
+        attributes["coupled"] = 1
     if bound is not None:
         attributes["limit"] = bound
     return as_dataset(starts, lived, attributes)
@@ -102,8 +110,10 @@ def lives(
     episode: int = 0,
     record: bool = False,
 ) -> dict[str, np.ndarray]:
-    """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...)."""
-    cells = len(starts.heading)
+    """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...);
+    with several worlds (worlds, cells) stands for (cells).
+    """
+    cells = starts.heading.shape
     recorded = []
     arrived = np.zeros(cells, bool)
     decisions = np.zeros(cells, np.int32)
@@ -117,13 +127,13 @@ def lives(
             decisions += moment.alive
             maximal = np.maximum(maximal, gain)
     if not np.all(np.isfinite(gain)):
-        cell = int(np.flatnonzero(~np.isfinite(gain))[0])
+        *_, cell = place = tuple(int(each[0]) for each in np.nonzero(~np.isfinite(gain)))
         raise ValueError(
-            f"gains must be finite, got {gain[cell]} for cell {cell} under {name!r}: "
+            f"gains must be finite, got {gain[place]} for cell {cell} under {name!r}: "
             "check what the field and the flow return"
         )
     values = (gain, maximal, arrived, world.time(moment.state), decisions)
-    series = {name: np.stack([row[name] for row in recorded], axis=1) for name in SERIES if recorded}
+    series = {name: np.stack([row[name] for row in recorded], axis=len(cells)) for name in SERIES if recorded}
     return dict(zip(LIVES, values, strict=True)) | series
 
 

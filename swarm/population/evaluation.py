@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from swarm._support import files, provenance
+from swarm._support.checks import check_number
 from swarm._support.tables import Table, percent, span
 from swarm.optimal.physical_limit import Optimal
 from swarm.physics.world import World
@@ -16,7 +17,8 @@ from swarm.policies.policy import AnyPolicy
 from swarm.policies.policy_file import POLICY_FILE, PolicyError
 from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
-from swarm.population.results import RIVAL, data_of
+from swarm.population.contests import contest, race_in
+from swarm.population.results import RIVAL, data_of, pooled
 from swarm.population.statistics import statistics
 
 if TYPE_CHECKING:
@@ -47,6 +49,13 @@ def named_policy(name: str | os.PathLike, world: World) -> AnyPolicy:
     Raises PolicyError where there is no such policy, suggesting the nearest name, or where it does not fit
     the world.
     """
+    found = _found_policy(name, world)
+    if isinstance(found, Network):
+        found.check_fits(world)
+    return found
+
+
+def _found_policy(name: str | os.PathLike, world: World) -> AnyPolicy:
     if name in STRATEGIES:
         return STRATEGIES[name](world)
     if isinstance(name, str) and not name.startswith(ZOO) and not files.expanded(name).exists():
@@ -56,9 +65,7 @@ def named_policy(name: str | os.PathLike, world: World) -> AnyPolicy:
             f"policy must be one of {', '.join(STRATEGIES)}, {ZOO}NAME, a policy file or a folder with a "
             f"{POLICY_FILE}, got {name!r}{hint}"
         )
-    network = load_policy(name)
-    network.check_fits(world)
-    return network
+    return load_policy(name)
 
 
 def contender(
@@ -83,11 +90,12 @@ def evaluate(
     *,
     experiment: str,
     cells: int = 40,
+    worlds: int = 1,
     life: float = 200.0,
     seed: int = 0,
     name: str | None = None,
 ) -> Evaluation:
-    """Tests a policy, greedy and swinging on the same starts.
+    """Tests a policy, greedy and swinging on the same starts, `cells` of them in each of `worlds` worlds.
 
     `policy` is a name, a path or a policy itself; `name` is what the summary calls it. Raises PolicyError for
     a policy that cannot be had.
@@ -95,10 +103,36 @@ def evaluate(
     world = world.replace(life=life)
     known, label, player = contender(policy, world, name)
     policies = {label: player, RIVAL: Greedy(), "swinging": Swinging()}
-    results = population_test(world, policies, cells=cells, life=life, seed=seed)
+    results = population_test(world, policies, cells=cells, worlds=worlds, life=life, seed=seed)
     numbers = statistics(results)
     summary = summarise(results, numbers, label, policy=known, experiment=experiment)
     return Evaluation(summary, results, table(results, numbers), world, label)
+
+
+def compete(
+    policy: str,
+    rival: str,
+    world: World,
+    *,
+    share: float = 0.5,
+    cells: int = 40,
+    worlds: int = 40,
+    life: float = 200.0,
+    seed: int = 0,
+) -> xr.Dataset:
+    """A [`contest`][swarm.population.contests.contest] of two policies by their names or paths, of which the
+    first steers a `share` of the cells; where nobody races in the world, to the first arrival.
+
+    Raises PolicyError for a policy that cannot be had, and as `contest` does.
+    """
+    if not 0 < check_number("share", share) < 1:
+        raise ValueError(f"share must lie between 0 and 1, got {share:g}")
+    if policy == rival:
+        raise ValueError(f"a policy must compete against another, got {policy!r} twice")
+    world = race_in(world.replace(life=life))
+    players = {name: _found_policy(name, world) for name in (policy, rival)}
+    shares = {policy: share, rival: 1 - share}
+    return contest(world, players, shares, cells=cells, worlds=worlds, seed=seed)
 
 
 def summarise(
@@ -119,6 +153,8 @@ def summarise(
         "versions": provenance.versions(),
         "commit": provenance.commit(),
     }
+    if "world" in results.sizes:
+        summary["worlds"] = results.sizes["world"]
     if data := data_of(results):
         summary["data"] = data
     if results["arrived"].values.any():
@@ -130,6 +166,7 @@ def table(results: xr.Dataset, numbers: dict[str, dict[str, Any]]) -> Table:
     """A row per policy, in the order of their mean gains."""
     headings = ["policy", "gain", "95% interval of the mean", "min", "max", "over greedy", "wins"]
     headings += ["of the limit", "arrived"]
+    results = pooled(results)
     cells, arrived = results.sizes["cell"], results["arrived"].sum("cell")
     rows: list[list[str | None]] = []
     for name in sorted(numbers, key=lambda each: -numbers[each]["mean"]):

@@ -58,6 +58,14 @@ class NoiseSweep(NamedTuple):
     table: Table  # a row per level and policy
 
 
+def levels_of(words: Sequence[str]) -> list[float]:
+    """Levels of noise, rising, from words with or without commas."""
+    try:
+        return sorted(float(part.strip()) for word in words for part in word.split(","))
+    except ValueError:
+        raise ValueError(f"--noise must be numbers, separated by commas, got {','.join(words)!r}") from None
+
+
 def check_levels(levels: Sequence[float], kind: str, world: World) -> list[World]:
     """The world at each level of noise; raises ValueError unless the levels are there, valid and rising."""
     parameter = KINDS[check_name("kind", kind, KINDS)].parameter

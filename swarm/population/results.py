@@ -45,7 +45,7 @@ STARTS: dict[str, Column] = {
     "start_heading": (("cell",), np.float64, "rad", "heading at t = 0, counter-clockwise from +x"),
     "past": (("cell", "record"), np.int32, "", "actions before t = 0, newest first"),
 }
-_COORDINATES = ("policy", "cell", "axis", "record", "decision")
+_COORDINATES = ("policy", "world", "cell", "axis", "record", "decision")
 
 
 class ResultsError(ValueError):
@@ -55,27 +55,33 @@ class ResultsError(ValueError):
 def as_dataset(
     starts: Starts, lives: Mapping[str, Mapping[str, np.ndarray]], attributes: dict[str, Any]
 ) -> xr.Dataset:
-    """Labelled results of every policy's lives: arrays (cells, ...), series (cells, decisions + 1, ...)."""
+    """Labelled results of every policy's lives: arrays (cells, ...), series (cells, decisions + 1, ...); with
+    several worlds, each (worlds, cells, ...).
+    """
     import xarray as xr
 
+    worlds = ("world",) * (starts.heading.ndim - 1)
     variables: dict[str, Any] = {}
     for name, values in zip(STARTS, starts[:3], strict=True):
         dimensions, dtype, units, long_name = STARTS[name]
-        variables[name] = (dimensions, values.astype(dtype), _labels(units, long_name))
+        variables[name] = ((*worlds, *dimensions), values.astype(dtype), _labels(units, long_name))
     measured = next(iter(lives.values()))
-    longest = max(life["time"].shape[1] for life in lives.values()) if "time" in measured else 0
+    longest = max(life["time"].shape[-1] for life in lives.values()) if "time" in measured else 0
     for name, (extra, dtype, units, long_name) in {**LIVES, **SERIES}.items():
         if name not in measured:
             continue
         along = ("decision",) if name in SERIES else ()
-        stacked = [_padded(life[name], longest) if along else life[name] for life in lives.values()]
-        dimensions = ("policy", "cell", *along, *extra)
+        axis = starts.heading.ndim
+        stacked = [_padded(life[name], axis, longest) if along else life[name] for life in lives.values()]
+        dimensions = ("policy", *worlds, "cell", *along, *extra)
         variables[name] = (dimensions, np.stack(stacked).astype(dtype), _labels(units, long_name))
     coordinates: dict[str, Any] = {
         "policy": list(lives),
-        "cell": np.arange(len(starts.heading), dtype=np.int32),
+        "cell": np.arange(starts.heading.shape[-1], dtype=np.int32),
         "axis": ["x", "y"],
     }
+    if worlds:
+        coordinates["world"] = np.arange(len(starts.heading), dtype=np.int32)
     if longest:
         coordinates["decision"] = np.arange(longest, dtype=np.int32)
     return xr.Dataset(variables, coordinates, attributes)
@@ -85,9 +91,34 @@ def _labels(units: str, long_name: str) -> dict[str, str]:
     return {"units": units, "long_name": long_name} if units else {"long_name": long_name}
 
 
-def _padded(series: np.ndarray, length: int) -> np.ndarray:
-    missing = [(0, 0), (0, length - series.shape[1])] + [(0, 0)] * (series.ndim - 2)
+def _padded(series: np.ndarray, axis: int, length: int) -> np.ndarray:
+    missing = [(0, 0)] * series.ndim
+    missing[axis] = 0, length - series.shape[axis]
     return np.pad(series, missing, constant_values=np.nan)
+
+
+def pooled(results: xr.Dataset) -> xr.Dataset:
+    """Results whose cells are those of all worlds, one world after the other."""
+    if "world" not in results.dims:
+        return results
+    places = results.stack(place=("world", "cell")).drop_vars(("place", "world", "cell"))
+    together = places.rename(place="cell").assign_coords(
+        cell=np.arange(places.sizes["place"], dtype=np.int32)
+    )
+    expected = _dimensions(worlds=False)
+    return together.assign(
+        {name: together[name].transpose(*expected[str(name)]) for name in together.data_vars}
+    )
+
+
+def _dimensions(worlds: bool) -> dict[str, tuple[str, ...]]:
+    """What the variables of results lie along."""
+    several = ("world",) * worlds
+    found = {name: (*several, *dimensions) for name, (dimensions, *_) in STARTS.items()}
+    found |= {name: ("policy", *several, "cell", *extra) for name, (extra, *_) in LIVES.items()}
+    return found | {
+        name: ("policy", *several, "cell", "decision", *extra) for name, (extra, *_) in SERIES.items()
+    }
 
 
 def settings(world: World) -> dict[str, Any]:
@@ -177,9 +208,7 @@ def _check_header(file: Path, size: int) -> None:
 
 
 def _check_results(results: xr.Dataset) -> None:
-    expected = {name: dimensions for name, (dimensions, *_) in STARTS.items()}
-    expected |= {name: ("policy", "cell", *extra) for name, (extra, *_) in LIVES.items()}
-    expected |= {name: ("policy", "cell", "decision", *extra) for name, (extra, *_) in SERIES.items()}
+    expected = _dimensions(worlds="world" in results.dims)
     for name, values in results.data_vars.items():
         if values.dims != (dimensions := expected.get(str(name))):
             raise ResultsError(f"{name!r} must have the dimensions {dimensions}, got {values.dims}")

@@ -27,12 +27,14 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Per policy: `mean`, `std`, `min`, `max` of the cells' gains, `ci95` of the mean, `fraction_of_limit`,
     `difference_to_greedy` (`mean`, `ci95`; cell by cell) and `wins`, the number of cells that beat greedy.
 
-    The intervals are Student's, 95%, over the cells; None with a single cell. `std` is over the cells
-    (divided by their number). `fraction_of_limit` is None without a limit or with none above 0.
+    The intervals are Student's, 95%, over the cells of all worlds; over the worlds where the cells of one are
+    coupled and so not independent; None with a single one. `std` is over the cells (divided by their number).
+    `fraction_of_limit` is None without a limit or with none above 0.
     """
-    gains = results["gain"].values  # (policies, cells)
-    rival = results["gain"].sel(policy=RIVAL).values
-    ahead = gains - rival
+    gains = results["gain"].transpose("policy", ..., "cell").values  # (policies, [worlds,] cells)
+    ahead = gains - results["gain"].sel(policy=RIVAL).values
+    coupled = bool(results.attrs.get("coupled"))
+    gains, ahead = (each.reshape(len(each), -1, each.shape[-1]) for each in (gains, ahead))
     limit = results.attrs.get("limit")
     return {
         str(name): {
@@ -40,13 +42,21 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
             "std": float(gains[i].std()),
             "min": float(gains[i].min()),
             "max": float(gains[i].max()),
-            "ci95": mean_interval(gains[i]),
+            "ci95": mean_interval(_independent(gains[i], coupled)),
             "fraction_of_limit": fraction_of_limit(float(gains[i].mean()), limit),
-            "difference_to_greedy": {"mean": float(ahead[i].mean()), "ci95": mean_interval(ahead[i])},
+            "difference_to_greedy": {
+                "mean": float(ahead[i].mean()),
+                "ci95": mean_interval(_independent(ahead[i], coupled)),
+            },
             "wins": int(np.sum(ahead[i] > 0)),
         }
         for i, name in enumerate(results["policy"].values)
     }
+
+
+def _independent(values: np.ndarray, coupled: bool) -> np.ndarray:
+    """Of values (worlds, cells) those that are independent: the worlds' means, or each."""
+    return values.mean(axis=-1) if coupled else values.reshape(-1)
 
 
 def fraction_of_limit(gain: float, limit: float | None) -> float | None:
@@ -88,6 +98,32 @@ def margin(*samples: np.ndarray, weights: Sequence[float] = (1.0,), shared_cells
     by_cell = [np.sum(np.stack(np.broadcast_arrays(*by_cell)), axis=0)] if shared_cells else by_cell
     added += [_variance(each) for each in by_cell if each.shape[-1] > 1]
     return _half_width(added, taken_off) if added else None
+
+
+def share_interval(part: np.ndarray, whole: np.ndarray) -> tuple[float, float, float]:
+    """Share Σ part / Σ whole of counts (units,) of independent units, with its 95% interval (low, high).
+
+    The variance is that of the ratio over the units, to first order; with the number of single counts that
+    would have the same, and no more than there are, the interval is Clopper and Pearson's (Korn & Graubard
+    1998, Survey Methodology 24, 193). So it lies within 0 and 1; where all units are alike, where one takes
+    all for instance, each counts once. NaN where nothing is counted, and the interval of a single unit.
+    """
+    from scipy.special import betaincinv, stdtrit
+
+    total, units = float(np.sum(whole)), len(whole)
+    share = float(np.sum(part)) / total if total > 0 else np.nan
+    if units < 2 or total == 0:
+        return share, np.nan, np.nan
+    variance = units / (units - 1) * float(np.sum((part - share * whole) ** 2)) / total**2
+    beyond = (1 - LEVEL) / 2
+    count = min(total, units)
+    if variance > 0:
+        wider = stdtrit(max(total - 1, 1), beyond) / stdtrit(units - 1, beyond)
+        count = min(total, share * (1 - share) / variance * wider**2)
+    ours, others = share * count, (1 - share) * count
+    low = float(betaincinv(ours, others + 1, beyond)) if ours > 0 else 0.0
+    high = float(betaincinv(ours + 1, others, 1 - beyond)) if others > 0 else 1.0
+    return share, low, high
 
 
 def _variance(means: np.ndarray) -> tuple[Any, int]:

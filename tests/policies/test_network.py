@@ -98,6 +98,20 @@ class Compass(Memory):
         return *super().bounds(world), 1.0
 
 
+def test_a_network_fits_a_sensor_of_the_parameters_that_its_card_tells(tmp_path):
+    sensor = {"type": "memory_with_neighbours", "k": 1, "range": 2.0}
+    card = {"n_records": 4, "features": 6, "sensor": sensor}
+    save_policy(make(24, 6, 2, card=card), tmp_path / "seeing.safetensors")
+    policy = load_policy(tmp_path / "seeing.safetensors")
+    assert policy.sensor == sensor
+    policy.check_fits(World(sensor=sensor))
+    words = (
+        r"memory_with_neighbours\(k=1, range=2.0\) in each.*memory_with_neighbours\(k=1, range=3.0\) in each"
+    )
+    with pytest.raises(PolicyError, match=words):
+        policy.check_fits(World(sensor={**sensor, "range": 3}))
+
+
 def test_a_network_fits_the_sensor_that_its_card_names():
     world, card = World(sensor=Compass()), {"n_records": 4, "features": 3, "sensor": "compass"}
     policy, blind = make(12, 6, 2, card=card), make()
@@ -108,7 +122,9 @@ def test_a_network_fits_the_sensor_that_its_card_names():
     assert (make().sensor, make(20, 2, card={**CARD, "features": 5}).sensor) == ("memory", "memory_with_flow")
     with pytest.raises(PolicyError, match=r"12 numbers .*3 of compass in each.* world gives 8 .*2 of memory"):
         policy.check_fits(plain)
-    with pytest.raises(PolicyError, match="must state the sensor of 3 features by its name, got None"):
+    with pytest.raises(
+        PolicyError, match="must state the sensor of 3 features by name, or type and parameters, got None"
+    ):
         make(12, 2, card={"n_records": 4, "features": 3})
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 import yaml
 from typer.testing import CliRunner
 
@@ -139,6 +140,15 @@ def test_show_only_shows():
         (["greedy", "--noise", "0.1,0.1"], "levels of noise must be at least one, and rise"),
         (["greedy", "--noise", "0", "--noise-kind", "curvatur"], "did you mean 'curvature'?"),
         (["greedy", "--noise-kind", "curvature"], "--noise-kind must come with --noise"),
+        (["greedy", "--share", "0.5"], "--share must come with --against, got 0.5 alone"),
+        (["greedy", "--against", "random", "--share", "1"], "share must lie between 0 and 1, got 1"),
+        (["greedy", "--against", "greedy"], "must compete against another, got 'greedy' twice"),
+        (["greedy", "--against", "random"], "first_arrivals must go with a field that has an egg"),
+        (["greedy", "--against", "randm", "--experiment", "radial"], "did you mean 'random'?"),
+        (["zoo:radial", "--against", "zoo:linear_n8"], "policy 'zoo:linear_n8' must be able to steer cells"),
+        (["zoo:radial", "--against", "greedy", "--worlds", "7"], "worlds must be a multiple of 2"),
+        (["greedy", "--worlds", "2", "--noise", "0,0.1"], "--noise must be one level with"),
+        (["greedy", "--worlds", "0"], "worlds must be a whole number of at least 1, got 0"),
         (["greedy", "--noise", "0,0.1", "--out", "taken"], "taken must be a new or an empty folder"),
         (["policy.safetensors", "--experiment", "linear_n8"], "must fit what the world's cells observe"),
         (["greedy", "--out", "taken"], "taken must be a new or an empty folder"),
@@ -197,6 +207,38 @@ def test_evaluate_draws_gain_against_noise():
     assert code == 0
     assert [line.split()[0] for line in out.splitlines()[1:7]] == ["0", "0", "0.5", "0.5", "1", "1"]
     assert {path.name for path in Path("found").iterdir()} == {"noise.nc", "noise.csv", "noise.png"}
+
+
+def test_evaluate_rebuilds_the_sensor_that_a_policy_was_trained_with():
+    sensor = {"type": "memory_with_neighbours", "k": 1, "range": 2.5}
+    words = ("world.sensor={type: memory_with_neighbours, k: 1, range: 2.5}", "hydra.run.dir=seeing")
+    assert run("train", "seed=1", *SHORT, *words)[0] == 0
+    assert load_policy("seeing").card["sensor"] == sensor
+    code, _, said = run("evaluate", "seeing", "--cells", "3", "--life", "4", "--out", "found")
+    assert code == 0, said
+    assert world_of(load_population("found/population.nc")).described()["sensor"] == sensor
+
+
+def test_evaluate_races_policies_against_each_other():
+    words = [
+        "evaluate",
+        "zoo:radial",
+        "--against",
+        "greedy",
+        "--share",
+        "0.25",
+        "--cells",
+        "8",
+        "--worlds",
+        "8",
+    ]
+    code, out, _ = run(*words, "--worlds", "8", "--life", "20", "--out", "found")
+    assert code == 0
+    assert {line.split()[0] for line in out.splitlines()[1:3]} == {"zoo:radial", "greedy"}
+    assert {path.name for path in Path("found").iterdir()} == {"contest.nc", "contest.csv"}
+    with xr.open_dataset("found/contest.nc", engine="h5netcdf") as found:
+        assert found["crowd"].values.tolist() == [0.25, 0.75]
+        assert found.sizes["world"] == 8
 
 
 def test_evaluate_keeps_the_noise_that_a_policy_was_trained_with():

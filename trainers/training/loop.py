@@ -14,6 +14,7 @@ from torchrl import torchrl_logger
 
 from swarm._support import provenance
 from swarm.envs.torchrl import SwarmEnv
+from swarm.physics.perception import described
 from swarm.policies.network import Network
 from trainers.algorithms.base import learner_of, worth_compiling
 from trainers.algorithms.networks import exported
@@ -184,7 +185,7 @@ class Training:
             "epoch": int(self.best_epoch[place]),
             "n_records": world.n_records,
             "features": world.features,
-            "sensor": world.sensor.name,
+            "sensor": described(world.sensor),
             "n_actions": world.n_actions,
             "settings": {name: settings[name] for name in ("world", "learning", "validation", "evaluation")},
             "validation": {

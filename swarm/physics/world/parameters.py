@@ -93,8 +93,9 @@ class Parameters(Checked):
         units: set[Any] = {getattr(part, "length_unit", None) for part in (self.field, self.flow)} - {None}
         if len(units) > 1:
             raise ValueError(f"field and flow must have positions in the same unit, got {sorted(units)}")
-        if hasattr(self.sensor, "check"):
-            self.sensor.check(self)
+        for part in (self.sensor, self.reward):
+            if hasattr(part, "check"):
+                part.check(self)
         rates = tuple(self.mean_curvature * speed for speed in self.action_speeds)
         if not all(1e-9 < rate < 1e9 for rate in rates):
             raise ValueError(
@@ -111,8 +112,9 @@ class Parameters(Checked):
         """Raises ValueError where what cells share does not go with the rest."""
         if self.is_shared and len(set(self.clock.intervals)) > 1:
             raise ValueError(
-                "interval_rule must be 'common' where cells share a medium, interact or race, so that all "
-                f"decide at the same moments, got {self.interval_rule!r} with {self.clock.intervals}"
+                "interval_rule must be 'common' where cells share a medium, interact, race or sense others, "
+                f"so that all decide at the same moments, got {self.interval_rule!r} with "
+                f"{self.clock.intervals}"
             )
         if self.first_arrivals is not None and self.egg is None:
             raise ValueError(f"first_arrivals must go with a field that has an egg, got {self.field!r}")
@@ -236,7 +238,8 @@ class Parameters(Checked):
     @cached_property
     def is_shared(self) -> bool:
         """Whether what one cell does can matter to another."""
-        return bool(self.interactions) or self.medium is not None or self.first_arrivals is not None
+        meets = bool(self.interactions) or getattr(self.sensor, "senses_others", False)
+        return meets or self.medium is not None or self.first_arrivals is not None
 
     @cached_property
     def has_noise(self) -> bool:

@@ -84,7 +84,7 @@ class World(Parameters):
             if self.concentration_noise > 0 and noise is not None:
                 sensed = sensed + self.concentration_noise * noise[..., i]
             chosen = self.normal_curvature(curvature)
-            records.append(self._record(pose, sensed, chosen, finished, count, factors))
+            records.append(self._record(pose, sensed, chosen, finished, count, factors, alone=i > 0))
             if i < self.n_records - 1:
                 if factors is not None:
                     speed, curvature = speed * factors[..., 0], curvature * factors[..., 1]
@@ -279,10 +279,13 @@ class World(Parameters):
         finished: Array,
         count: Array,
         factors: Array,
+        *,
+        alone: bool = False,
     ) -> Sequence[Array]:
         """What the sensor records."""
         time = self.clock.time(count, pose.position) if self._needs_time else None
-        return self.sensor.record(self, time, Situation(*pose, concentration, curvature, finished, factors))
+        situation = Situation(*pose, concentration, curvature, finished, factors, alone)
+        return self.sensor.record(self, time, situation)
 
     @cached_property
     def _needs_time(self) -> bool:

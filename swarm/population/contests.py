@@ -1,0 +1,287 @@
+"""Contests: several policies in one world, each steering a share of its cells, and who wins the race.
+
+Which cells a policy steers rotates from world to world. Seats are dealt out evenly: with the counts n_p of
+N cells, cell i of the first world is steered by the policy that is then furthest behind its share n_p/N. In
+world w it is steered by whoever has seat (i + w) mod N. A turn is N / gcd(n_1, n_2, …) worlds, after which
+the seats are as at first. All worlds of a turn have the same starts and the same random numbers, those of
+episode ⌊w / turn⌋; so within a turn every policy has had every start, as often as its share says, and a start
+that is better than another is no policy's luck. Turns are independent, the worlds of one are not: intervals
+are over turns.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from swarm._support import provenance, streams
+from swarm._support.checks import check_count, check_memory, check_number
+from swarm._support.tables import Table, percent
+from swarm.physics.perception import SENSORS, Memory, Sensor, Situation
+from swarm.physics.starts import draw_worlds
+from swarm.physics.world import State, World
+from swarm.policies.policy import AnyPolicy, begin, check_policy, decide
+from swarm.population.contest import memory_needed
+from swarm.population.results import settings
+from swarm.population.rollout import chances, started
+from swarm.population.statistics import share_interval
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = Any
+
+
+def contest(
+    world: World,
+    policies: Mapping[str, AnyPolicy],
+    shares: Mapping[str, float] | None = None,
+    *,
+    cells: int = 40,
+    worlds: int = 40,
+    seed: int = 0,
+) -> xr.Dataset:
+    """Races of several policies in the same `worlds`, each policy steering its share of the `cells`.
+
+    `shares` above 0 are relative to one another, by default alike; each becomes a whole number of cells, at
+    least one. Starts rotate, see the [module][swarm.population.contests]. A policy that reads another
+    sensor's records than the world's, as its `sensor` says, is shown those.
+
+    Per policy: `won`, its share of all wins; `won_interval` (policy, bound), 95%, over turns; `crowd`, its
+    share of the cells. Per (world, cell): `steered_by`, the policy's number; `winner`, `arrival_time`
+    (infinite for who never came), `gain`. Per world: `turn`. Raises TypeError or ValueError that names the
+    rule: without a race, for shares that leave a policy without a cell, for worlds that are no whole turns,
+    for a policy that does not fit the world or whose sensor the world cannot serve.
+    """
+    if world.first_arrivals is None:
+        raise ValueError("a contest must be in a world with first_arrivals, got a world without a race")
+    counts = _counts(policies, shares, check_count("cells", cells))
+    turn = cells // math.gcd(*counts)
+    if check_count("worlds", worlds) % turn:
+        rule = f"worlds must be a multiple of {turn}, so that every policy has had every start"
+        raise ValueError(f"{rule} with {counts} of {cells} cells, got {worlds}")
+    seed = streams.check_seed(seed)
+    views, together = _views(world, policies)
+    needed = memory_needed(together, cells * worlds, 0)
+    check_memory(needed, f"cells × worlds must be fewer, got {cells} × {worlds}")
+    steered_by = _seats(counts)[(np.arange(cells) + np.arange(worlds)[:, None]) % cells]
+    episodes = np.arange(worlds) // turn
+    ended = _race(together, views, steered_by, seed, episodes)
+    return _dataset(world, list(policies), counts, steered_by, episodes, ended, seed)
+
+
+def race_in(world: World) -> World:
+    """The world; where nobody races there, one with a race that the first arrival ends, and in which all
+    decide at the same moments."""
+    if world.first_arrivals is not None:
+        return world
+    rule = world.interval_rule if len(set(world.intervals)) == 1 else "common"
+    return world.replace(first_arrivals=1, interval_rule=rule)
+
+
+def _counts(
+    policies: Mapping[str, AnyPolicy], shares: Mapping[str, float] | None, cells: int
+) -> tuple[int, ...]:
+    """How many cells each policy steers: its share, and what rounding leaves to the largest remainders."""
+    for name, policy in policies.items():
+        check_policy(name, policy)
+    if len(policies) < 2:
+        raise ValueError(f"policies must be at least two, got {list(policies)}")
+    shares = dict.fromkeys(policies, 1.0) if shares is None else shares
+    if set(shares) != set(policies):
+        raise ValueError(f"shares must be of {', '.join(policies)}, got {', '.join(map(str, shares))}")
+    given = [check_number(f"share of {name!r}", shares[name], above=0.0) for name in policies]
+    exact = np.array(given) / sum(given) * cells
+    counts = np.floor(exact + 1e-9).astype(int)
+    counts[np.argsort(counts - exact, kind="stable")[: cells - counts.sum()]] += 1
+    if counts.min() < 1:
+        raise ValueError(f"shares must leave every policy a cell of {cells}, got {dict(shares)}")
+    return tuple(counts.tolist())
+
+
+def _seats(counts: Sequence[int]) -> np.ndarray:
+    """Which policy has each seat (cells,): the one furthest behind its share; they repeat with a turn."""
+    times = math.gcd(*counts)
+    each = np.array(counts) // times
+    dealt = np.zeros(len(each), int)
+    seats = []
+    for i in range(int(each.sum())):
+        chosen = int(np.argmax(each * (i + 1) / each.sum() - dealt))
+        dealt[chosen] += 1
+        seats.append(chosen)
+    return np.array(seats * times)
+
+
+# --- what each policy sees ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Together:
+    """A sensor that records what several do: once what all records begin with, then what each adds."""
+
+    sensors: tuple[Sensor, ...]
+    name = "together"
+
+    @property
+    def names(self) -> Sequence[str]:
+        further = (f"{i}_{name}" for i, each in enumerate(self.sensors) for name in each.names[2:])
+        return *Memory.names, *further
+
+    @property
+    def needs_time(self) -> bool:
+        return any(getattr(each, "needs_time", False) for each in self.sensors)
+
+    @property
+    def senses_others(self) -> bool:
+        return any(getattr(each, "senses_others", False) for each in self.sensors)
+
+    def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
+        records = [tuple(each.record(world, time, situation)) for each in self.sensors]
+        return *records[0][:2], *(number for record in records for number in record[2:])
+
+    def bounds(self, world: World) -> Sequence[float]:
+        bounds = [tuple(each.bounds(world)) for each in self.sensors]
+        return *bounds[0][:2], *(number for each in bounds for number in each[2:])
+
+    def columns(self, sensor: Sensor) -> list[int]:
+        """Where the numbers of one of the sensors stand in a record."""
+        place = self.sensors.index(sensor)
+        first = 2 + sum(len(each.names) - 2 for each in self.sensors[:place])
+        return [0, 1, *range(first, first + len(sensor.names) - 2)]
+
+
+class _View(NamedTuple):
+    """A policy, and the world as it looks to it."""
+
+    policy: AnyPolicy
+    world: World
+    columns: list[int]  # of a record, those that it reads
+
+    def of(self, state: State) -> State:
+        return state._replace(memory=state.memory[..., self.columns])
+
+
+def _views(world: World, policies: Mapping[str, AnyPolicy]) -> tuple[list[_View], World]:
+    """How the world looks to each policy, and the world that records what all of them read."""
+    worlds = []
+    for name, policy in policies.items():
+        try:
+            needed = getattr(policy, "sensor", None)
+            sensor = world.sensor if needed is None else SENSORS.make(needed)
+            seen = world if sensor == world.sensor else world.replace(sensor=sensor)
+            if hasattr(policy, "check_fits"):
+                policy.check_fits(seen)
+        except (TypeError, ValueError) as error:
+            kind = TypeError if isinstance(error, TypeError) else ValueError
+            raise kind(f"policy {name!r} must be able to steer cells of this world: {error}") from None
+        worlds.append(seen)
+    sensors: list[Sensor] = []
+    for seen in worlds:
+        if seen.sensor not in sensors:
+            sensors.append(seen.sensor)
+    if len(sensors) == 1:
+        columns = list(range(len(sensors[0].names)))
+        return [_View(each, worlds[0], columns) for each in policies.values()], worlds[0]
+    all_of_it = _Together(tuple(sensors))
+    views = zip(policies.values(), worlds, strict=True)
+    return [_View(policy, seen, all_of_it.columns(seen.sensor)) for policy, seen in views], world.replace(
+        sensor=all_of_it
+    )
+
+
+# --- the race -----------------------------------------------------------------------------------------------
+
+
+def _race(
+    world: World, views: list[_View], steered_by: np.ndarray, seed: int, episodes: np.ndarray
+) -> tuple[State, np.ndarray]:
+    """The state (worlds, cells) at the end of all lives, and the gains."""
+    starts = draw_worlds(world, steered_by.shape[1], seed, episodes.tolist())
+    state = started(world, starts, seed, episode=episodes)
+    numbers = chances(world, steered_by.shape, seed, episode=episodes)
+    carries = [begin(view.policy, view.world, view.of(state)) for view in views]
+    gain = np.zeros(steered_by.shape)
+    for decision in range(world.max_decisions):
+        uniform, noise = numbers(decision)
+        action = np.zeros(steered_by.shape, np.int64)
+        for i, view in enumerate(views):
+            chosen, carries[i] = decide(view.policy, view.world, view.of(state), uniform, carries[i])
+            action = np.where(steered_by == i, chosen, action)
+        state, outcome = world.step(state, action, noise)
+        gain = outcome.gain
+        if state.finished.all():
+            break
+    if not np.all(np.isfinite(gain)):
+        raise ValueError("gains must be finite, got NaN: check what the field and the flow return")
+    return state, gain
+
+
+def _dataset(
+    world: World,
+    names: list[str],
+    counts: Sequence[int],
+    steered_by: np.ndarray,
+    turns: np.ndarray,
+    ended: tuple[State, np.ndarray],
+    seed: int,
+) -> xr.Dataset:
+    import xarray as xr
+
+    state, gain = ended
+    winner = world.won(state)
+    of_turn = np.arange(turns[-1] + 1)[:, None] == turns
+    wins = np.stack([of_turn @ (winner & (steered_by == i)).sum(axis=-1) for i in range(len(names))])
+    found = np.array([share_interval(each, wins.sum(axis=0)) for each in wins])
+    by_cell = ("world", "cell")
+    variables: dict[str, Any] = {
+        "won": ("policy", found[:, 0], {"long_name": "share of all wins"}),
+        "won_interval": (("policy", "bound"), found[:, 1:], {"long_name": "95% interval of it, over turns"}),
+        "crowd": ("policy", np.array(counts) / sum(counts), {"long_name": "share of the cells"}),
+        "turn": ("world", turns.astype(np.int32), {"long_name": "worlds of a turn have the same starts"}),
+        "steered_by": (by_cell, steered_by.astype(np.int32), {"long_name": "number of the policy"}),
+        "winner": (by_cell, winner, {"long_name": "whether it arrived in time"}),
+        "arrival_time": (by_cell, state.arrival_time, {"long_name": "arrival at the egg", "units": "time"}),
+        "gain": (by_cell, gain, {"long_name": "c(end of life) − c(0)", "units": "concentration"}),
+    }
+    worlds, cells = steered_by.shape
+    coordinates = {
+        "policy": names,
+        "bound": ["low", "high"],
+        "world": np.arange(worlds, dtype=np.int32),
+        "cell": np.arange(cells, dtype=np.int32),
+    }
+    attributes = {
+        "title": "Contest: several policies in the same worlds, each steering a share of the cells",
+        "seed": seed,
+        "life": world.life,
+        "world": json.dumps(settings(world), default=str),
+        "versions": json.dumps(provenance.versions()),
+        "commit": provenance.commit() or "",
+    }
+    return xr.Dataset(variables, coordinates, attributes)
+
+
+def table(results: xr.Dataset) -> Table:
+    """A row per policy, who won most first."""
+    rows = []
+    order = np.argsort(-results["won"].values, kind="stable")
+    for i in order.tolist():
+        mine = results["steered_by"] == i
+        low, high = results["won_interval"].values[i].tolist()
+        share = float(results["won"][i])
+        rows.append(
+            [
+                str(results["policy"].values[i]),
+                percent(float(results["crowd"][i])),
+                None if np.isnan(share) else percent(share),
+                None if np.isnan(low) else f"{percent(low)} … {percent(high)}",
+                int((results["winner"] & mine).sum()),
+                f"{float(results['gain'].where(mine).mean()):.2f}",
+            ]
+        )
+    return Table(["policy", "of the crowd", "of the wins", "95% interval", "wins", "gain"], rows)
