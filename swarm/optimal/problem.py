@@ -92,7 +92,10 @@ def why_no_limit(world: World) -> str | None:
     if world.has_noise:
         return "no perturbations, got noise"
     if world.is_shared or world.spread is not None:
-        return "cells that are alike and alone, got a world whose cells share a medium, meet, race or differ"
+        return (
+            "cells that are alike and alone, got a world whose cells share a medium, meet, race, see each "
+            "other or differ"
+        )
     if not world.has_common_tick:
         return "intervals that share a tick, got interval_rule = 'exact' with varying speed"
     decisions = world.life_ticks / (min(world.interval_ticks) if len(set(world.interval_ticks)) == 1 else 1)
