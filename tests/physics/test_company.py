@@ -1,4 +1,7 @@
-"""Cells that move each other: laws of pairs, the coupled equations, and what a crowd must not feel."""
+"""Cells that move each other: the coupled equations, and what a crowd must not feel.
+
+Laws of pairs are in `benchmarks/exact_pairs.py`.
+"""
 
 import math
 
@@ -12,59 +15,6 @@ from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 
 CONTACT, DENSE = swarm.Contact(0.1, 100.0), ((0.0, 1.0), (0.0, 1.0))
-
-
-def centres(pose, kappa):
-    """Of the circles that cells swim on."""
-    return pose.position + np.stack([-np.sin(pose.heading), np.cos(pose.heading)], -1) / kappa
-
-
-def apart(position):
-    return float(np.hypot(*(position[1] - position[0])))
-
-
-@pytest.mark.parametrize(("diameter", "stiffness"), [(0.1, 100.0), (0.05, 200.0), (0.1, 40.0)])
-def test_two_cells_head_on_stop_where_contact_holds_them(diameter, stiffness):
-    position = np.array([[0.0, 0.0], [0.95 * diameter, 0.0]])
-    contact = [swarm.Contact(diameter, stiffness)]
-    end = swarm.swim(position, np.array([0.0, math.pi]), 0.0, 1.0, 20 / (2 * stiffness), interactions=contact)
-    assert apart(end.position) == pytest.approx(diameter - 1 / stiffness, abs=1e-6)
-
-
-@pytest.mark.parametrize("time", [1.0, 5.0])
-def test_side_by_side_pushers_come_nearer_as_the_law_says(time):
-    position, heading, p = np.array([[0.0, 0.0], [1.0, 0.0]]), np.full(2, math.pi / 2), 0.1
-    film, bulk = (
-        apart(
-            swarm.swim(
-                position, heading, 0.0, 1.0, time, interactions=swarm.Dipole(p, 0.0, geometry)
-            ).position
-        )
-        for geometry in ("film", "bulk")
-    )
-    assert film**2 == pytest.approx(1 - p * time / math.pi, abs=1e-8)
-    assert bulk**3 == pytest.approx(1 - 3 * p * time / (4 * math.pi), abs=1e-8)
-
-
-@pytest.mark.parametrize("phase", [0.0, 1.0])
-def test_distant_circling_pushers_repel_in_bulk_and_stay_in_a_film(phase):
-    kappa, turns, distance, p = 4.0, 10, 4.0, 0.25
-    theta = np.array([0.3, 0.3 + phase])
-    position = np.array([[0.0, 0.0], [distance, 0.0]]) - np.stack([-np.sin(theta), np.cos(theta)], -1) / kappa
-    time = turns * 2 * math.pi / kappa
-    bulk, film = (
-        apart(
-            centres(
-                swarm.swim(position, theta, kappa, 1.0, time, interactions=swarm.Dipole(p, 0.0, each)), kappa
-            )
-        )
-        for each in ("bulk", "film")
-    )
-    law = 3 * p * time / (8 * math.pi)
-    # out of phase the orbits turn about each other: to second order 9/4 cos²(Δφ/2) (ρ/R)² more
-    more = 2.25 * math.cos(phase / 2) ** 2 * (2 / kappa * math.sin(phase / 2) / distance) ** 2
-    assert bulk**3 - distance**3 == pytest.approx(law * (1 + more), rel=1e-4)
-    assert film == pytest.approx(distance, abs=2e-4)
 
 
 def reference(world, state, action):
