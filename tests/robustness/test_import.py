@@ -27,13 +27,13 @@ def seconds(imports):
 
 
 def test_importing_swarm_takes_at_most_twice_as_long_as_what_it_stands_on():
-    foundation, ours = [], []
+    ratios = []
     for _ in range(8):  # by turns, so that what else the machine does falls on both
-        foundation.append(seconds("numpy, gymnasium, pettingzoo"))
-        ours.append(seconds("swarm"))
-        if min(ours) <= 1.6 * min(foundation) and len(ours) > 2:
+        foundation = seconds("numpy, gymnasium, pettingzoo")
+        ratios.append(seconds("swarm") / foundation)
+        if min(ratios) <= 1.6:
             break
-    assert min(ours) <= 2 * min(foundation)
+    assert min(ratios) <= 2
 
 
 def test_heavy_names_are_loaded_when_they_are_asked_for():
