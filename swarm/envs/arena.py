@@ -14,6 +14,7 @@ from gymnasium.logger import warn
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
 from swarm._support.checks import check_count, check_name
+from swarm.physics.crowd.medium import MediumState
 from swarm.physics.starts import Draws, SpreadStarts, Starts, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
 
@@ -52,6 +53,29 @@ def make_world(world: World | None, parameters: dict[str, Any]) -> World:
     return world
 
 
+def told(world: World, state: State) -> dict[str, Any]:
+    """What is told of each cell (..., cells) beside its gain: what it has `eaten` [amount] in a medium; in a
+    race its `arrival_time` [time], infinite before, and whether it has `won`.
+    """
+    found = {} if state.medium is None else {"eaten": state.medium.eaten}
+    if state.arrival_time is not None:
+        found |= {"arrival_time": state.arrival_time, "won": world.won(state)}
+    return found
+
+
+def begins_together(world: World) -> bool:
+    """Whether no cell can begin its next life before all do: where they race, or share what changes with time
+    by itself or moves with them.
+    """
+    moves = not world.is_steady or (world.medium is not None and world.medium.leaving == "follow")
+    return world.first_arrivals is not None or (world.is_shared and moves)
+
+
+def no_medium() -> AttributeError:
+    """What a world without a medium raises where it is asked for its medium."""
+    return AttributeError("medium must be a parameter of the world, got medium=None")
+
+
 class Arena:
     """`n_swimmers` cells in a world, each with a life of its own.
 
@@ -62,6 +86,7 @@ class Arena:
     state: State  # there after the first `reset`, as are `gain` and `action`
     gain: np.ndarray  # (cells,) c(t) − c(0) [concentration]
     action: np.ndarray  # (cells,) each cell's last
+    eaten: np.ndarray  # (cells,) in earlier lives, of the medium that goes on [amount]
 
     def __init__(self, world: World, n_swimmers: int, dtype: str) -> None:
         self.world = world
@@ -104,11 +129,14 @@ class Arena:
         self.episode = np.full(self.n_swimmers, episode)
         self.decision = np.zeros(self.n_swimmers, np.int64)
         self.state, self.gain, self.action = state, gain, starts.past[:, 0]
+        self.eaten = np.zeros(self.n_swimmers, self.dtype)
         return observation
 
     def step(self, action: np.ndarray) -> Outcome:
         """One decision of every cell; a finished cell stays where it is."""
         state, outcome = self.world.step(self.state, action, self._draw())
+        if state.medium is not None:  # in which others go on eating where a cell has finished
+            outcome = outcome._replace(gain=np.where(self.state.finished, self.gain, outcome.gain))
         self._check_finite(state, outcome.observation, outcome.gain)
         self.state, self.gain, self.action = state, outcome.gain, action
         self.decision = self.decision + 1
@@ -119,18 +147,19 @@ class Arena:
         any, as in `reset`; returns the observations of all.
         """
         episode = self.episode + cells
-        state, action = self.state, self.action
+        state, action, everyone = self.state, self.action, bool(cells.all())
         for number in np.unique(episode[cells]):
-            begun, past = self._begun(int(number), options or {})
+            begun, past = self._begun(int(number), options or {}, None if everyone else state.medium)
             mask = cells & (episode == number)
-            medium = begun.medium if cells.all() else state.medium  # the others' goes on
             merge = functools.partial(where_chosen, mask)
-            state = begun._replace(medium=None).each(merge, state._replace(medium=None))
-            state = state._replace(medium=medium)
+            others = state._replace(medium=None)
+            state = begun._replace(medium=None).each(merge, others)._replace(medium=begun.medium)
             action = np.where(mask, past, action)
         observation = self.world.observation(state)
         gain = np.where(cells, 0.0, self.gain).astype(self.dtype)
         self._check_finite(state, observation, gain)
+        if state.medium is not None:
+            self.eaten = np.where(cells, state.medium.eaten, self.eaten)
         self.state, self.gain, self.action, self.episode = state, gain, action, episode
         self.decision = np.where(cells, 0, self.decision)
         for number in [number for number in self._fresh if number <= episode.min()]:
@@ -140,16 +169,18 @@ class Arena:
     def _starts(self, seed: int, episode: int) -> Starts:
         return draw_starts(self.world, self.n_swimmers, seed, population=POPULATION, episode=episode)
 
-    def _begun(self, episode: int, options: dict[str, Any]) -> tuple[State, np.ndarray]:
-        """State and last action of all cells at the beginning of an episode."""
-        given = any(options.get(name) is not None for name in ("position", "heading"))
+    def _begun(
+        self, episode: int, options: dict[str, Any], medium: MediumState | None
+    ) -> tuple[State, np.ndarray]:
+        """State and last action of all cells at the beginning of an episode, in a medium that goes on."""
+        given = medium is not None or any(options.get(name) is not None for name in ("position", "heading"))
         if given or episode not in self._fresh:
             assert self.seed is not None
             starts = self._starts(self.seed, episode)
             position = self._option(options, "position", starts.position)
             heading = self._option(options, "heading", starts.heading)
             further = self._factors(starts), self._record_noise(self.seed, episode)
-            begun = self.world.start(position, heading, starts.past, *further), starts.past[:, 0]
+            begun = self.world.start(position, heading, starts.past, *further, medium), starts.past[:, 0]
             if given:
                 return begun
             self._fresh[episode] = begun
@@ -165,14 +196,9 @@ class Arena:
         return given.factors.astype(self.dtype) if isinstance(given, SpreadStarts) else None
 
     def told(self) -> dict[str, np.ndarray]:
-        """What infos tell of each cell (cells,) beside the gain: what it has `eaten` [amount] in a medium;
-        in a race its `arrival_time` [time], infinite before, and whether it has `won`.
-        """
-        state = self.state
-        found = {} if state.medium is None else {"eaten": state.medium.eaten}
-        if state.arrival_time is not None:
-            found |= {"arrival_time": state.arrival_time, "won": self.world.won(state)}
-        return found
+        """What infos tell of each cell's present life, see `told`."""
+        found = told(self.world, self.state)
+        return found | {"eaten": found["eaten"] - self.eaten} if "eaten" in found else found
 
     def table(self) -> np.ndarray:
         """x, y [length], heading in [−π, π] [rad] and curvature [1 / length] of every cell (cells, 4)."""
@@ -243,7 +269,7 @@ class Watched:
 
         medium = self.world.medium
         if medium is None:
-            raise AttributeError("medium must be a parameter of the world, got medium=None")
+            raise no_medium()
         if self.arena.seed is None:
             raise RuntimeError("reset must be called first")
         held = self.arena.state.medium

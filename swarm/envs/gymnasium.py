@@ -11,7 +11,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from swarm._support.checks import check_name
-from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, Watched, make_world, with_parameters
+from swarm.envs.arena import (
+    RENDER_FPS,
+    RENDER_MODES,
+    Arena,
+    Watched,
+    begins_together,
+    make_world,
+    with_parameters,
+)
 from swarm.physics.world import World
 
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
@@ -31,7 +39,11 @@ class SpermSwarmVector(Watched, VectorEnv):
 
     `info["gain"]` is c(t) − c(0) of every cell [concentration]; `eaten`, `arrival_time` and `won` stand
     beside it as in the PettingZoo face. A cell that begins its next life joins the medium as it is; where
-    all do, it is new. A race ends for all at once.
+    all do, it is new.
+
+    In a race, and in a shared world that changes with time or whose grid follows the cells, no cell can begin
+    before the others: one that has finished waits (`info["waiting"]`), with reward 0, and the ends of all
+    lives are told in the step that ends the last.
     """
 
     @with_parameters
@@ -64,6 +76,8 @@ class SpermSwarmVector(Watched, VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._done: np.ndarray | None = None  # (cells,) lives that are over; None before the first reset
+        self._together = begins_together(self.world)
+        self._waiting = np.zeros((2, self.num_envs), bool)  # terminated, truncated, and not told yet
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -82,6 +96,7 @@ class SpermSwarmVector(Watched, VectorEnv):
         else:
             observation = self.arena.restart(cells, options)
             self._done = self._begun() & ~cells
+        self._waiting = np.zeros_like(self._waiting)
         super().reset(seed=None if seed is None else self.arena.seed)
         self._follow()
         return observation, self._info()
@@ -104,9 +119,14 @@ class SpermSwarmVector(Watched, VectorEnv):
         observation, reward, terminated, truncated, _ = arena.step(action)
         if self.max_cycles is not None:
             truncated = truncated | ((arena.decision >= self.max_cycles) & ~terminated)
+            arena.state = arena.state._replace(finished=arena.state.finished | truncated)
         if over.any():
             observation = arena.restart(over)
             reward, terminated, truncated = np.where(over, 0, reward), terminated & ~over, truncated & ~over
+        waiting = self._waiting
+        if self._together:
+            reward = np.where(waiting.any(axis=0), 0, reward)
+            terminated, truncated, waiting = _held_back(terminated, truncated, waiting)
         done = terminated | truncated
         info = {}
         if done.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
@@ -115,7 +135,7 @@ class SpermSwarmVector(Watched, VectorEnv):
             self._done = np.zeros(self.num_envs, bool)
         else:
             self._done = done
-        self.arena = arena
+        self.arena, self._waiting = arena, waiting
         self._follow()
         return observation, reward, terminated, truncated, info | self._info()
 
@@ -145,6 +165,7 @@ class SpermSwarmVector(Watched, VectorEnv):
 
     def _info(self) -> dict[str, Any]:
         found = {"gain": self.arena.gain} | self.arena.told()
+        found |= {"waiting": self._waiting.any(axis=0)} if self._together else {}
         everyone = {f"_{name}": np.ones(self.num_envs, bool) for name in found}
         return {name: values.copy() for name, values in found.items()} | everyone
 
@@ -158,7 +179,9 @@ class SpermSwarmVector(Watched, VectorEnv):
         return {
             "final_obs": last,
             "_final_obs": done.copy(),
-            "final_info": {name: np.where(done, values, 0) for name, values in told.items()}
+            "final_info": {
+                name: np.where(done, values, np.zeros_like(values)) for name, values in told.items()
+            }
             | {f"_{name}": done.copy() for name in told},
             "_final_info": done.copy(),
         }
@@ -176,6 +199,9 @@ class SpermSwarmVector(Watched, VectorEnv):
         if seed is not None:
             raise ValueError(f"seed must be None with options['reset_mask'], got {seed!r}")
         self._begun()
+        if self._together and not cells.all():
+            rule = "options['reset_mask'] must choose all cells where none can begin before the others"
+            raise ValueError(f"{rule}, got {int(cells.sum())} of {self.num_envs}")
         return cells
 
     def _checked(self, actions: Any) -> np.ndarray:
@@ -191,6 +217,15 @@ class SpermSwarmVector(Watched, VectorEnv):
             i = int(wrong.argmax())
             raise ValueError(f"{rule}, got {action[i]} for swimmer_{i}")
         return action
+
+
+def _held_back(
+    terminated: np.ndarray, truncated: np.ndarray, waiting: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ends (cells,) to be told, all once all have come, else none; and (2, cells) those that wait now."""
+    ended = np.array([terminated | waiting[0], (truncated & ~waiting[0]) | waiting[1]])
+    untold = np.zeros_like(ended)
+    return (*ended, untold) if ended.any(axis=0).all() else (*untold, ended)
 
 
 def vector_env(num_envs: int = 40, **kwargs: Any) -> SpermSwarmVector:

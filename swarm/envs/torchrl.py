@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from swarm._support import streams
 from swarm._support.arrays import namespace, where_chosen
 from swarm._support.checks import check_count, check_name
 from swarm._support.compiler import compiled
-from swarm.envs.arena import make_world, with_parameters
+from swarm.envs.arena import make_world, no_medium, told, with_parameters
+from swarm.envs.specs import check_actions, specs_of
 from swarm.physics.starts import Draws, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
 
@@ -42,9 +42,9 @@ class SwarmEnv(EnvBase):
     """`n_worlds` independent worlds of `n_swimmers` cells each; arguments otherwise as `swarm.parallel_env`.
 
     Tensors are (worlds, cells, ...) in the group `swimmers`: `observation`, `action`, `reward`, `done`,
-    `terminated`, `truncated`, `gain`. A cell that is done waits, masked, until every cell of its world is
-    done; then the root `done` of the world is set and the world restarts. A row of data is valid where
-    ("swimmers", "done") was False before the step.
+    `terminated`, `truncated`, `gain`; in a medium `eaten`; in a race `arrival_time`, `won`. A cell that is
+    done waits, masked, until every cell of its world is done; then the root `done` of the world is set and
+    the world restarts. A row of data is valid where ("swimmers", "done") was False before the step.
 
     Starts come from the same streams as the PettingZoo face: world w of seed s holds rows w · n_swimmers … of
     that seed's population. With `seeds` given, the worlds are shared out evenly among several independent
@@ -83,10 +83,12 @@ class SwarmEnv(EnvBase):
         self._place = torch.device("cpu") if device is None else torch.device(device)
         few = self.n_worlds * self.n_swimmers <= NUMPY_CELLS
         self._in_numpy = few and self._place.type == "cpu" and not compile_step
-        self._make_specs()
+        specs = specs_of(self.world, (self.n_worlds, self.n_swimmers), GROUP, self._place)
+        self.observation_spec, self.action_spec, self.reward_spec, self.done_spec = specs
         self._terminated = torch.zeros(n_worlds, n_swimmers, 1, dtype=torch.bool, device=self._place)
         self._state: State | None = None  # in the library that computes it
         self.observation: Tensor | None = None
+        self._gain: Array = None  # in a medium, in which others eat where a cell has finished
         self.set_seeds([seed] if seeds is None else seeds)
 
     # --- plain tensors: what the trainer uses ---------------------------------------------------------------
@@ -95,6 +97,23 @@ class SwarmEnv(EnvBase):
     def state(self) -> State | None:
         """The cells (worlds, cells, ...); None before the first restart."""
         return None if self._state is None else self._state.each(self._tensor)
+
+    @property
+    def medium(self) -> Tensor:
+        """The medium's grids (worlds, nx, ny), see [`MediumState`][swarm.physics.crowd.medium.MediumState]
+        [concentration]. Raises AttributeError in a world without a medium, RuntimeError before the first
+        restart.
+        """
+        if self.world.medium is None:
+            raise no_medium()
+        if self._state is None:
+            raise RuntimeError("restart() or reset() must come first")
+        return self._tensor(self._state.medium.grid)
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "medium":  # a module forgets why there is none
+            raise no_medium()
+        return super().__getattr__(name)
 
     def all_finished(self) -> bool:
         """Whether every cell's life has ended."""
@@ -160,6 +179,10 @@ class SwarmEnv(EnvBase):
         else:
             mask = self._array(chosen)
             self._state = fresh.each(functools.partial(where_chosen, mask), self._state)
+        if self.world.medium is not None:
+            gain = self.world.concentration(self._state) - self._state.start_concentration
+            mask = self._array(chosen)
+            self._gain = gain if self._gain is None else where_chosen(mask, gain, self._gain)
         self.observation = self._tensor(self.world.observation(self._state))
         return self.observation
 
@@ -184,11 +207,16 @@ class SwarmEnv(EnvBase):
         result = Transition(*map(self._tensor, parts))
         # A module looks long at every attribute that it is given.
         self.__dict__.update(_state=state, observation=result.observation)
-        return result, self._tensor(outcome.gain)
+        gain = outcome.gain
+        if self.world.medium is not None:
+            gain = self._gain = namespace(gain).where(valid, gain, self._gain)
+        return result, self._tensor(gain)
 
     def gain(self) -> Tensor:
         """Gain c(t) − c(0) (worlds, cells) so far [concentration]."""
         assert self._state is not None, "restart() must come first"
+        if self.world.medium is not None:
+            return self._tensor(self._gain)
         concentration = self.world.concentration(self._state)
         return self._tensor(concentration - self._state.start_concentration)
 
@@ -196,10 +224,15 @@ class SwarmEnv(EnvBase):
         """All that is needed to go on from here: the cells' state and the counters."""
         state = self.state
         assert state is not None, "restart() must come first"
-        return state.named("state") | {
-            "episode": torch.as_tensor(self.episode.copy()),
-            "decision": torch.as_tensor(self.decision.copy()),
-        }
+        held = {} if self.world.medium is None else {"gain": self._tensor(self._gain)}
+        return (
+            state.named("state")
+            | held
+            | {
+                "episode": torch.as_tensor(self.episode.copy()),
+                "decision": torch.as_tensor(self.decision.copy()),
+            }
+        )
 
     def load_state_dict_of_env(self, arrays: dict[str, Tensor]) -> None:
         """Go on from what `state_dict_of_env` gave."""
@@ -210,6 +243,8 @@ class SwarmEnv(EnvBase):
             state = state._replace(**parts)
         self.episode, self.decision = arrays["episode"].numpy().copy(), arrays["decision"].numpy().copy()
         self._begin(state, np.ones(self.n_worlds, bool))
+        if "gain" in arrays:
+            self._gain = self._bare(arrays["gain"].to(self._place))
 
     # --- TensorDicts: what TorchRL asks for -----------------------------------------------------------------
 
@@ -227,7 +262,7 @@ class SwarmEnv(EnvBase):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         action = tensordict[GROUP, "action"]
-        self._check_action(action)
+        check_actions(action, self.world.n_actions, (self.n_worlds, self.n_swimmers))
         result, gain = self._advance(action)
         assert self._state is not None
         done = self._tensor(self._state.finished)[..., None]
@@ -241,54 +276,24 @@ class SwarmEnv(EnvBase):
         """What TorchRL would complete and reshape is complete and in shape already."""
         return next_tensordict_out
 
-    def _check_action(self, action: Tensor) -> None:
-        """Raises TypeError or ValueError, before anything has changed, unless all actions are known ones."""
-        top = self.world.n_actions - 1
-        rule = f"actions must be whole numbers from 0 to {top} of shape {(self.n_worlds, self.n_swimmers)}"
-        if action.is_floating_point() or action.dtype == torch.bool:
-            raise TypeError(f"{rule}, got {action.dtype}")
-        if tuple(action.shape) != (self.n_worlds, self.n_swimmers):
-            raise ValueError(f"{rule}, got the shape {tuple(action.shape)}")
-        low, high = (int(number) for number in action.aminmax())
-        if low < 0 or high > top:
-            raise ValueError(f"{rule}, got {low if low < 0 else high}")
-
     def _set_seed(self, seed: int | None) -> None:
         self.set_seeds([0 if seed is None else seed])
 
     def _pack(self, observation: Tensor, gain: Tensor, done: Tensor) -> TensorDict:
         flags = {"done": done, "terminated": self._terminated, "truncated": done & ~self._terminated}
+        assert self._state is not None
+        found = {name: self._tensor(each) for name, each in told(self.world, self._state).items()}
+        floats = {name: each.float() for name, each in found.items() if each.is_floating_point()}
+        parts = {name: each[..., None] for name, each in ({"gain": gain.float()} | found | floats).items()}
         everyone = _all_cells(done)
         ended = _all_cells(self._terminated) if self.world.egg is not None else torch.zeros_like(everyone)
         group = TensorDict(
-            {"observation": observation, "gain": gain[..., None].to(torch.float32), **flags},
+            {"observation": observation, **parts, **flags},
             batch_size=(self.n_worlds, self.n_swimmers),
             device=self.device,
         )
         root = {GROUP: group, "done": everyone, "terminated": ended, "truncated": everyone & ~ended}
         return TensorDict(root, batch_size=self.batch_size, device=self.device)
-
-    def _make_specs(self) -> None:
-        shape, device = (self.n_worlds, self.n_swimmers), self._place
-        bound = torch.as_tensor(self.world.observation_bounds, device=device).expand(*shape, -1)
-        flag = {"dtype": torch.bool, "device": device, "n": 1}
-
-        def group(**specs: Any) -> Composite:
-            return Composite({GROUP: Composite(specs, shape=shape)}, shape=(self.n_worlds,))
-
-        self.observation_spec = group(
-            observation=Bounded(-bound, bound, shape=bound.shape, dtype=torch.float32, device=device),
-            gain=Unbounded(shape=(*shape, 1), dtype=torch.float32, device=device),
-        )
-        self.action_spec = group(
-            action=Categorical(self.world.n_actions, shape=shape, dtype=torch.int64, device=device)
-        )
-        self.reward_spec = group(reward=Unbounded(shape=(*shape, 1), dtype=torch.float32, device=device))
-        names = ("done", "terminated", "truncated")
-        done = group(**{name: Binary(shape=(*shape, 1), **flag) for name in names})
-        for name in names:
-            done[name] = Binary(shape=(self.n_worlds, 1), **flag)
-        self.done_spec = done
 
     # --- helpers --------------------------------------------------------------------------------------------
 

@@ -122,7 +122,7 @@ def lives(
         if record:
             recorded.append(_series(world, moment))
         if moment.outcome is not None:
-            gain = moment.outcome.gain
+            gain = np.where(moment.alive, moment.outcome.gain, gain)  # others may eat where a cell has died
             arrived |= moment.outcome.terminated & moment.alive
             decisions += moment.alive
             maximal = np.maximum(maximal, gain)

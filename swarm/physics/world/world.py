@@ -48,7 +48,13 @@ class World(Parameters):
     """
 
     def start(
-        self, position: Array, heading: Array, past: Array, factors: Array = None, noise: Array = None
+        self,
+        position: Array,
+        heading: Array,
+        past: Array,
+        factors: Array = None,
+        noise: Array = None,
+        medium: Any = None,
     ) -> State:
         """The state at t = 0 with a memory full of true records.
 
@@ -56,11 +62,11 @@ class World(Parameters):
         first: the cell swam the newest N_T − 1 of them to its pose, alone and in the field and the flow at
         t = 0, the oldest is only recorded. `factors` (..., cells, 2) are the cells' own of speed and
         curvature, where the world spreads them, 1 by default; `noise` (..., cells, N_T) standard normal
-        numbers for `concentration_noise`, without which records are exact. A past ends where it would come
-        from outside the domain: before, the cell has waited there. Raises
-        ValueError on wrong shapes and, where values are known (not inside a jax trace), on a start that is
-        not finite, lies outside the field's or the flow's domain, has no finite concentration or whose past
-        holds unknown actions; the cell is named.
+        numbers for `concentration_noise`, without which records are exact; `medium` a `MediumState` that
+        cells join, by default as it is at first. A past ends where it would come from outside the domain:
+        before, the cell has waited there. Raises ValueError on wrong shapes and, where values are known (not
+        inside a jax trace), on a start that is not finite, lies outside the field's or the flow's domain, has
+        no finite concentration or whose past holds unknown actions; the cell is named.
         """
         xp = namespace(position)
         check_start(self, position, heading, past, factors)
@@ -70,10 +76,8 @@ class World(Parameters):
         check_cells("position", "have a finite concentration", position, xp.isfinite(concentration))
         finished = as_array(np.zeros(position.shape[:-1]), position, dtype=xp.bool)
         count = self.clock.start(finished)  # of the past too, which is swum as at t = 0
-        by_action = [
-            as_array(np.asarray(values), position)
-            for values in (self.curvatures, self.action_speeds, self.intervals)
-        ]
+        tables = (self.curvatures, self.action_speeds, self.intervals)
+        by_action = [as_array(np.asarray(values), position) for values in tables]
         pose = Pose(position, heading)
         if self.spread is not None and factors is None:
             factors = xp.ones_like(position)
@@ -81,6 +85,8 @@ class World(Parameters):
         for i in range(self.n_records):
             curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
             sensed = frozen(self.field, 0.0).concentration(pose.position)
+            if self.medium is not None and medium is not None:
+                sensed = self.medium.sense(medium, pose.position, sensed)
             if self.concentration_noise > 0 and noise is not None:
                 sensed = sensed + self.concentration_noise * noise[..., i]
             chosen = self.normal_curvature(curvature)
@@ -92,19 +98,13 @@ class World(Parameters):
         if len(records[0]) != self.features:
             names = ", ".join(self.sensor.names)
             raise ValueError(f"sensor must record a number for each of {names}, got {len(records[0])}")
-        state = State(
-            position=position,
-            heading=heading,
-            memory=perception.memory_of(records),
-            clock=count,
-            start_concentration=concentration,
-            finished=finished,
-            factors=factors,
-        )
+        memory = perception.memory_of(records)
+        state = State(position, heading, memory, count, concentration, finished, factors)
         if self.race is not None:
             state = state._replace(arrival_time=xp.full_like(concentration, math.inf))
         if self.medium is not None:
-            state = state._replace(medium=self.medium.start(self.field, position))
+            medium = self.medium.start(self.field, position) if medium is None else medium
+            state = state._replace(medium=medium)
             state = state._replace(start_concentration=self.concentration(state))
         return state
 
