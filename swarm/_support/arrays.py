@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,11 @@ def join(*parts: Array) -> Array:
     if is_torch(parts[0]):
         return xp.moveaxis(xp.stack(parts), 0, -1)
     return xp.concat([part[..., None] for part in parts], axis=-1)
+
+
+def stacked(like: Any, arrays: Sequence[Array]) -> Any:
+    """Arrays side by side along a new first axis, in pieces where `like` is."""
+    return Pieces(tuple(arrays)) if isinstance(like, Pieces) else namespace(arrays[0]).stack(list(arrays))
 
 
 def look_up(table: Array, index: Array) -> Array:

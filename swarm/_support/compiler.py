@@ -9,11 +9,10 @@ from __future__ import annotations
 import functools
 import operator
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 Array = Any
 
@@ -73,13 +72,6 @@ def in_pieces(array: Array, axes: int) -> Any:
     if axes == 0:
         return array
     return Pieces(tuple(in_pieces(array[i, ...], axes - 1) for i in range(array.shape[0])))
-
-
-def stacked(like: Any, arrays: Sequence[Array]) -> Any:
-    """Arrays side by side along a new first axis, in pieces where `like` is."""
-    if isinstance(like, Pieces):
-        return Pieces(tuple(arrays))
-    return array_namespace(arrays[0]).stack(list(arrays))
 
 
 def alongside(like: Any, *arrays: Array) -> tuple[Any, ...]:

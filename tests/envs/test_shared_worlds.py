@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+import torch
 
 import swarm
-from swarm.physics.motion.arc import along_arc, arc
 from swarm.torchrl_env import SwarmEnv
 
 EATING = {"medium": {"uptake": 0.05, "shape": [64, 64]}, "life": 3.0}
@@ -58,20 +58,176 @@ def test_a_race_ends_for_all_and_infos_tell_who_has_won():
     assert sorted(last[agent]["arrival_time"] for agent in winners) == times[:2]
 
 
-def test_times_of_arrival_are_found_on_the_path():
-    world = swarm.World(**RACE)
-    state = world.start(*swarm.draw_starts(world, 40, 1))
-    action = np.zeros(40, int)
-    while not np.isfinite(state.arrival_time).any():
-        before = state
-        state, _ = world.step(state, action)
-    cell = int(np.argmin(state.arrival_time))
-    parts = np.linspace(0, 1, 200_001)
-    pose = before.pose._replace(position=before.position[cell], heading=before.heading[cell])
-    places = along_arc(pose, arc(np.full(parts.shape, 3.0), 1.0, parts * world.intervals[0])).position
-    first = parts[np.hypot(*places.T) <= 1.0][0]
-    expected = world.time(before)[cell] + first * world.intervals[0]
-    assert state.arrival_time[cell] == pytest.approx(expected, abs=1e-5)
+@pytest.mark.parametrize(
+    ("parameters", "error"), [({}, 1e-6), ({"flow": {"type": "taylor_green", "wavenumber": 1.0}}, 0.002)]
+)
+def test_times_of_arrival_are_found_on_the_path(parameters, error):
+    world = swarm.World(**RACE | parameters | {"first_arrivals": 25})
+    state, found = world.start(*swarm.draw_starts(world, 200, 1)), 0
+    parts = np.linspace(0, 1, 20_001)
+    for decision in range(8):
+        action = np.full(200, decision % 2)
+        before, (state, _) = state, world.step(state, action)
+        for cell in np.flatnonzero(np.isfinite(state.arrival_time) & ~before.finished)[:3]:
+            pose = (np.repeat(each[cell : cell + 1], len(parts), axis=0) for each in before.pose)
+            curvature, length = world.curvatures[decision % 2], world.intervals[0]
+            places = swarm.swim(*pose, curvature, 1.0, parts * length, flow=world.flow).position
+            first = parts[np.hypot(*places.T) <= 1.0][0] * length
+            assert state.arrival_time[cell] == pytest.approx(
+                world.time(before)[cell] + first, abs=error + 2e-5
+            )
+            found += 1
+    assert found > 5
+
+
+def test_who_comes_later_in_the_interval_in_which_the_race_ends_has_not_won():
+    env = swarm.parallel_env(
+        n_swimmers=3, field="radial", first_arrivals=1, curvatures=(1e-3, 2e-3), time_step=0.5, n_records=2,
+        start_box=((-3, 3), (-3, 3)),
+    )  # fmt: skip
+    starts = {"position": [[1.2, 0], [1.4, 0], [3, 0]], "heading": [np.pi] * 3}
+    env.reset(seed=0, options=starts)
+    _, _, terminated, _, infos = env.step(dict.fromkeys(env.agents, 0))
+    assert [info["arrival_time"] for info in infos.values()] == pytest.approx([0.2, 0.4, 2.0], abs=1e-4)
+    assert [info["won"] for info in infos.values()] == [True, False, False]
+    assert all(terminated.values())
+
+
+def test_who_has_finished_does_nothing_to_the_others():
+    """Two runs that differ in what a dead cell is told to do, and one without it after it has died."""
+    parameters = {
+        "medium": {"uptake": 0.1, "box": ((-4, 4), (-4, 4))},
+        "interactions": ["contact"],
+        "life": 6.0,
+    }
+    env = SwarmEnv(
+        2, n_swimmers=3, dtype="float64", field="radial", start_box=((-4, 4), (-4, 4)), **parameters
+    )
+    env.restart()
+    position = torch.tensor([[[1.05, 0.0], [-2.5, 0.0], [0.0, 2.5]]]).repeat(2, 1, 1)
+    env.place(
+        position, torch.tensor([[np.pi, 0.0, 0.0]]).repeat(2, 1), torch.zeros(2, 3, 4, dtype=torch.int64)
+    )
+    gains = []
+    for decision in range(12):
+        action = torch.tensor([[0, 0, 0], [decision % 2, 0, 0]])
+        result = env.advance(action)
+        gains.append(env.gain()[:, 0])
+    assert result.valid.tolist() == [[False, True, True]] * 2
+    assert torch.equal(env.state.position[0], env.state.position[1])
+    assert torch.equal(env.medium[0], env.medium[1])
+    assert torch.equal(gains[0], gains[-1])
+    assert (env.state.medium.eaten[:, 1] > 5 * env.state.medium.eaten[:, 0]).all()
+
+
+def test_the_torch_face_tells_what_the_others_tell():
+    for parameters in (EATING, RACE):
+        zoo, many = (
+            swarm.parallel_env(n_swimmers=4, **parameters),
+            SwarmEnv(1, n_swimmers=4, dtype="float64", **parameters),
+        )
+        zoo.reset(seed=0)
+        data = many.reset()
+        while zoo.agents:
+            live = [zoo.possible_agents.index(agent) for agent in zoo.agents]
+            infos = zoo.step(dict.fromkeys(zoo.agents, 1))[-1]
+            data["swimmers", "action"] = torch.ones(1, 4, dtype=torch.int64)
+            data = many.step(data)["next"]
+            for name in infos.get("swimmer_0", ()):
+                told = data["swimmers", name][0, live, 0].tolist()
+                assert told == pytest.approx([info[name] for info in infos.values()], abs=1e-5)
+        assert data["done"].all()
+        many.observation_spec.assert_is_in(data.select(*many.observation_spec.keys(True, True)))
+    with pytest.raises(AttributeError, match="medium must be a parameter of the world, got medium=None"):
+        _ = many.medium
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "NextStep"])
+def test_the_cells_of_a_race_begin_together_and_who_has_finished_waits(mode):
+    env = swarm.SpermSwarmVector(30, autoreset_mode=mode, **RACE | {"life": 12.0, "first_arrivals": 5})
+    observation, info = env.reset(seed=3)
+    waited, races = False, []
+    for _ in range(70):
+        before = info["waiting"]
+        observation, reward, terminated, truncated, info = env.step(
+            (observation[:, 0] <= observation[:, 2]).astype(int)
+        )
+        assert not reward[before].any()
+        done = terminated | truncated
+        waited |= bool(info["waiting"].any())
+        if done.any():
+            assert done.all()
+            races.append(info["final_info"] if mode == "SameStep" else info)
+            assert not info["waiting"].any()
+            assert races[-1]["won"].dtype == bool
+            np.testing.assert_array_equal(terminated[races[-1]["won"]], True)
+    assert waited
+    assert len(races) == 2
+    assert any(race["won"].sum() == 5 for race in races)
+
+
+def test_cells_of_a_race_are_not_reset_one_by_one():
+    env = swarm.SpermSwarmVector(3, autoreset_mode="Disabled", **RACE)
+    env.reset(seed=0)
+    rule = r"reset_mask'\] must choose all cells where none can begin before the others, got 1 of 3"
+    with pytest.raises(ValueError, match=rule):
+        env.reset(options={"reset_mask": np.array([True, False, False])})
+
+
+def test_a_cell_that_begins_again_joins_the_medium_as_it_is():
+    env = swarm.SpermSwarmVector(
+        4,
+        autoreset_mode="Disabled",
+        medium={"uptake": 0.5, "box": ((-3, 13), (-3, 13))},
+        field={"type": "linear", "offset": 9.0},
+    )
+    env.reset(seed=1)
+    for _ in range(6):
+        _, _, _, _, info = env.step(np.zeros(4, int))
+    before, place = env.medium, env.state()[1, :2]
+    first = np.array([True, False, False, False])
+    options = {"position": np.tile(place, (4, 1)), "heading": np.zeros(4), "reset_mask": first}
+    _, fresh = env.reset(options=options)
+    np.testing.assert_array_equal(env.medium, before)
+    assert fresh["eaten"].tolist() == [0.0, *info["eaten"][1:]]
+    assert fresh["gain"].tolist() == [0.0, *info["gain"][1:]]
+    state, world = env.arena.state, env.world
+    record = state.memory[0, 0, 0] / world.record_scale
+    assert state.start_concentration[0] == pytest.approx(record)
+    assert record < world.field.concentration(place) - 0.1
+    env.step(np.zeros(4, int))
+    balance = float(world.medium.balance(env.arena.state.medium))
+    assert abs(balance) < 1e-12 * env.arena.state.medium.eaten.sum()
+    env.reset(options={"reset_mask": np.ones(4, bool)})
+    assert not env.medium.any()
+
+
+COMPILED = {
+    "medium": {"medium": {"uptake": 0.05, "shape": [64, 64], "substeps": 2}},
+    "race": {**RACE, "first_arrivals": 3, "block_delay": 0.5},
+    "race in a flow that changes": {**RACE, "flow": "oscillating_taylor_green", "first_arrivals": 3},
+    "binding": {"binding_rate": 10.0},
+    "contact and spread": {"interactions": ["contact"], "spread": {"speed": 0.1, "curvature": 0.1}},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:`torch.jit:DeprecationWarning")  # torch's compiler uses it itself
+@pytest.mark.parametrize("parameters", COMPILED.values(), ids=COMPILED)
+def test_shared_worlds_compile_without_a_warning(parameters, capfd):
+    plain, fast = (
+        SwarmEnv(2, n_swimmers=8, dtype="float64", compile_step=step, **{"life": 4.0} | parameters)
+        for step in (False, True)
+    )
+    plain.restart(), fast.restart()
+    for decision in range(12):
+        action = torch.randint(2, (2, 8), generator=torch.Generator().manual_seed(decision))
+        for one, other in zip(plain.advance(action), fast.advance(action), strict=True):
+            assert torch.allclose(one.double(), other.double(), atol=1e-6)
+    held, other = (env.state.named("") for env in (plain, fast))
+    for name, array in held.items():
+        assert torch.allclose(array.double(), other[name].double(), atol=1e-9), name
+    assert "going on without" not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("parameters", [EATING, {"interactions": ["contact"], "life": 3.0}])

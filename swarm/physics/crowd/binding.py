@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from swarm._support.arrays import as_array, namespace
+from swarm._support.arrays import as_array, is_torch, namespace
 
 Array = Any
 
@@ -29,7 +29,9 @@ def bindings(uniform: Array, mean: Array) -> Array:
     spread = xp.round(mean + xp.sqrt(mean) * normal_quantile(uniform))
     few = xp.clip(mean, 1e-30, LARGEST_EXACT)[..., None]
     numbers, factorials = as_array(_NUMBERS, mean), as_array(_LOG_FACTORIALS, mean)
-    chance = xp.cumulative_sum(xp.exp(numbers * xp.log(few) - few - factorials), axis=-1)
+    chances = xp.exp(numbers * xp.log(few) - few - factorials)
+    # what stands for torch's cumsum makes its compiler warn
+    chance = chances.cumsum(-1) if is_torch(chances) else xp.cumulative_sum(chances, axis=-1)
     counted = xp.sum(xp.astype(chance <= uniform[..., None], mean.dtype), axis=-1)
     counted = xp.where(mean > 0, counted, xp.zeros_like(counted))
     return xp.where(mean > LARGEST_EXACT, xp.clip(spread, 0, None), counted)

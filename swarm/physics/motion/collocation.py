@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from swarm._support.arrays import as_array, join, namespace, outer
-from swarm._support.compiler import alongside, by_piece, stacked
+from swarm._support.arrays import as_array, join, namespace, outer, stacked
+from swarm._support.compiler import alongside, by_piece
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc, components, turned, unit
 from swarm.physics.motion.clock import frozen
