@@ -37,6 +37,12 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "radial field, varying speed": {"field": "radial", "varying_speed": True, "start_box": ((1, 4), (1, 4))},
     "Taylor–Green, flow sensed": {"flow": "taylor_green", "sense_flow": True, "dtype": "float32"},
     "noise": {"concentration_noise": 0.1, "curvature_noise": 0.1, "rotational_diffusion": 0.01},
+    "a medium, contact": {
+        "medium": {"uptake": 0.05, "shape": (48, 48), "substeps": 1},
+        "interactions": ["contact"],
+        "spread": {"speed": 0.1},
+    },
+    "a race": {"field": "radial", "first_arrivals": 2, "start_box": ((-2, 2), (-2, 2)), "binding_rate": 10.0},
 }
 
 
