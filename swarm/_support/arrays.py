@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,19 @@ def moment(time: Any, like: Array) -> Array:
     if hasattr(time, "dtype") and not isinstance(time, np.generic):
         return namespace(like).astype(time, like.dtype, copy=False)
     return as_array(np.asarray(time), like)
+
+
+def kept_for(like: Array, held: dict[Any, Any], make: Callable[[], Any]) -> Any:
+    """What `make` makes in the library, dtype and device of `like`, made once and `held`.
+
+    Of jax it is made anew: a tracer must not outlive its trace.
+    """
+    if not is_numpy_or_torch(like):
+        return make()
+    key = type(like).__module__, like.dtype, str(like.device)
+    if key not in held:
+        held[key] = make()
+    return held[key]
 
 
 def join(*parts: Array) -> Array:

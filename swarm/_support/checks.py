@@ -10,7 +10,7 @@ import numbers
 import operator
 import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from swarm._support.arrays import namespace
@@ -157,6 +157,21 @@ class Checked:
                     raise ValueError(
                         f"{item.name} must be of numbers that do not overflow, got {value!r}"
                     ) from None
+
+
+def check_made(name: str, value: Any, *, kind: type) -> Any:
+    """The object of a dataclass `kind` that `value` is or describes, a mapping of its parameters."""
+    if isinstance(value, kind):
+        return value
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{name} must be a {kind.__name__} or a mapping of its parameters, got {value!r}")
+    for key in value:
+        check_name(f"parameter of {name}", key, [item.name for item in dataclasses.fields(kind)])
+    try:
+        return kind(**value)
+    except (TypeError, ValueError) as error:
+        raised = TypeError if isinstance(error, TypeError) else ValueError
+        raise raised(f"{name}.{error}") from None
 
 
 def check_cells(name: str, rule: str, value: Array, good: Array) -> None:

@@ -108,9 +108,10 @@ _OUTSIDE: list[Callable[..., Array]] = []  # functions that are called from comp
 
 
 def outside(function: Callable[..., Array]) -> int:
-    """The number by which `call_outside` calls a function whose work depends on data."""
-    _OUTSIDE.append(function)
-    return len(_OUTSIDE) - 1
+    """The number by which `call_outside` calls a function whose work depends on data; equal ones share it."""
+    if function not in _OUTSIDE:
+        _OUTSIDE.append(function)
+    return _OUTSIDE.index(function)
 
 
 def call_outside(number: int, shape: tuple[int, ...], like: Array, *arrays: Array) -> Array:

@@ -38,7 +38,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "Taylor–Green, flow sensed": {"flow": "taylor_green", "sense_flow": True, "dtype": "float32"},
     "noise": {"concentration_noise": 0.1, "curvature_noise": 0.1, "rotational_diffusion": 0.01},
     "a medium, contact": {
-        "medium": {"uptake": 0.05, "shape": (48, 48), "substeps": 1},
+        "medium": {"uptake": 0.05, "shape": (64, 64), "substeps": 2},
         "interactions": ["contact"],
         "spread": {"speed": 0.1},
     },

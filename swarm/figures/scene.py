@@ -22,6 +22,7 @@ from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
 from PIL import Image
 
 from swarm.figures.style import in_domain, in_style
+from swarm.physics.motion.domain import inside_all
 from swarm.physics.world import World
 
 SIZE = 720  # of the square that shows the world [pixels]
@@ -159,9 +160,8 @@ class Scene:
         grid = np.stack(np.meshgrid(camera.x + offsets, camera.y - offsets), axis=-1)
         concentration = np.nan_to_num(in_domain(world, world.field.concentration, grid).astype(float))
         shown = np.abs(self._flow(grid)) if world.in_flow else concentration
-        known = np.ones(shown.shape, bool)
-        for inside in world.domains:
-            known &= np.asarray(inside(grid))
+        inside = inside_all(world.domains, grid)
+        known = np.ones(shown.shape, bool) if inside is None else np.asarray(inside)
         values = shown[known] if known.any() else shown
         low, high = 0.0 if world.in_flow else float(values.min()), float(values.max())
         self.span = min(low, self.span[0]), max(high, self.span[1])

@@ -22,6 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from swarm._support import files
+from swarm.physics.motion.domain import inside_all
 from swarm.physics.world import World
 from swarm.population.results import RIVAL
 
@@ -143,11 +144,10 @@ def frame(axes: Axes, *, square: bool = False, narrowest: float = 0.45) -> None:
 
 def in_domain(world: World, quantity: Callable[[np.ndarray], Any], places: np.ndarray) -> np.ndarray:
     """A quantity (...) of places (..., 2), NaN outside the domain, where it is not asked for."""
-    known = np.ones(places.shape[:-1], bool)
-    for inside in world.domains:
-        known &= np.asarray(inside(places))
-    if known.all():
+    inside = inside_all(world.domains, places)
+    if inside is None or np.all(inside):
         return np.asarray(quantity(places))
+    known = np.asarray(inside)
     found = np.asarray(quantity(places[known])) if known.any() else np.zeros(0)
     values = np.full(known.shape, np.nan, np.result_type(found, np.float32))
     values[known] = found

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarm._support import provenance, streams
+from swarm._support import streams
 from swarm._support.checks import check_count, check_flag, check_memory
 from swarm.optimal import physical_limit
 from swarm.physics.motion.arc import centre_of_curvature
@@ -16,7 +15,7 @@ from swarm.physics.starts import Starts, draw_worlds
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy, check_policy
 from swarm.policies.strategies import Greedy
-from swarm.population.results import LIVES, RIVAL, SERIES, as_dataset, settings
+from swarm.population.results import LIVES, RIVAL, SERIES, as_dataset, origin
 from swarm.population.rollout import Moment, rollout
 
 if TYPE_CHECKING:
@@ -66,12 +65,8 @@ def population_test(
     bound = physical_limit.limit(world, everyone) if limit else None
     attributes = {
         "title": "Population test: the same starts for every policy",
-        "seed": seed,
-        "life": world.life,
         "population": population,
-        "world": json.dumps(settings(world), default=str),
-        "versions": json.dumps(provenance.versions()),
-        "commit": provenance.commit() or "",
+        **origin(world, seed),
     }
     if world.is_shared:
         attributes["coupled"] = 1

@@ -11,7 +11,6 @@ are over turns.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from swarm._support import provenance, streams
+from swarm._support import streams
 from swarm._support.checks import check_count, check_memory, check_number
 from swarm._support.tables import Table, percent
 from swarm.physics.perception import SENSORS, Memory, Sensor, Situation
@@ -27,8 +26,8 @@ from swarm.physics.starts import draw_worlds
 from swarm.physics.world import State, World
 from swarm.policies.policy import AnyPolicy, begin, check_policy, decide
 from swarm.population.contest import memory_needed
-from swarm.population.results import settings
-from swarm.population.rollout import chances, started
+from swarm.population.results import origin
+from swarm.population.rollout import rollout
 from swarm.population.statistics import share_interval
 
 if TYPE_CHECKING:
@@ -71,7 +70,7 @@ def contest(
     check_memory(needed, f"cells × worlds must be fewer, got {cells} × {worlds}")
     steered_by = _seats(counts)[(np.arange(cells) + np.arange(worlds)[:, None]) % cells]
     episodes = np.arange(worlds) // turn
-    ended = _race(together, views, steered_by, seed, episodes)
+    ended = _race(together, _Crowd(views, steered_by), seed, episodes)
     return _dataset(world, list(policies), counts, steered_by, episodes, ended, seed)
 
 
@@ -166,6 +165,27 @@ class _View(NamedTuple):
         return state._replace(memory=state.memory[..., self.columns])
 
 
+@dataclass(frozen=True)
+class _Crowd:
+    """Several policies as one, which carries what each of them does."""
+
+    views: Sequence[_View]
+    steered_by: np.ndarray  # (worlds, cells) number of the policy
+
+    def begin(self, world: World, state: State) -> list[Any]:
+        return [begin(view.policy, view.world, view.of(state)) for view in self.views]
+
+    def act_carrying(
+        self, world: World, state: State, uniform: Array, carry: list[Any]
+    ) -> tuple[Array, list[Any]]:
+        action, carries = np.zeros(self.steered_by.shape, np.int64), []
+        for i, (view, held) in enumerate(zip(self.views, carry, strict=True)):
+            chosen, held = decide(view.policy, view.world, view.of(state), uniform, held)
+            action = np.where(self.steered_by == i, chosen, action)
+            carries.append(held)
+        return action, carries
+
+
 def _views(world: World, policies: Mapping[str, AnyPolicy]) -> tuple[list[_View], World]:
     """How the world looks to each policy, and the world that records what all of them read."""
     worlds = []
@@ -197,28 +217,16 @@ def _views(world: World, policies: Mapping[str, AnyPolicy]) -> tuple[list[_View]
 # --- the race -----------------------------------------------------------------------------------------------
 
 
-def _race(
-    world: World, views: list[_View], steered_by: np.ndarray, seed: int, episodes: np.ndarray
-) -> tuple[State, np.ndarray]:
+def _race(world: World, crowd: _Crowd, seed: int, episodes: np.ndarray) -> tuple[State, np.ndarray]:
     """The state (worlds, cells) at the end of all lives, and the gains."""
-    starts = draw_worlds(world, steered_by.shape[1], seed, episodes.tolist())
-    state = started(world, starts, seed, episode=episodes)
-    numbers = chances(world, steered_by.shape, seed, episode=episodes)
-    carries = [begin(view.policy, view.world, view.of(state)) for view in views]
-    gain = np.zeros(steered_by.shape)
-    for decision in range(world.max_decisions):
-        uniform, noise = numbers(decision)
-        action = np.zeros(steered_by.shape, np.int64)
-        for i, view in enumerate(views):
-            chosen, carries[i] = decide(view.policy, view.world, view.of(state), uniform, carries[i])
-            action = np.where(steered_by == i, chosen, action)
-        state, outcome = world.step(state, action, noise)
-        gain = outcome.gain
-        if state.finished.all():
-            break
+    starts = draw_worlds(world, crowd.steered_by.shape[1], seed, episodes.tolist())
+    for last in rollout(world, crowd, starts, seed, episode=episodes):
+        moment = last
+    assert moment.outcome is not None
+    gain = moment.outcome.gain
     if not np.all(np.isfinite(gain)):
         raise ValueError("gains must be finite, got NaN: check what the field and the flow return")
-    return state, gain
+    return moment.state, gain
 
 
 def _dataset(
@@ -257,11 +265,7 @@ def _dataset(
     }
     attributes = {
         "title": "Contest: several policies in the same worlds, each steering a share of the cells",
-        "seed": seed,
-        "life": world.life,
-        "world": json.dumps(settings(world), default=str),
-        "versions": json.dumps(provenance.versions()),
-        "commit": provenance.commit() or "",
+        **origin(world, seed),
     }
     return xr.Dataset(variables, coordinates, attributes)
 

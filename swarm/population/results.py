@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarm._support import files
+from swarm._support import files, provenance
 from swarm.physics.grids import hdf5
 from swarm.physics.starts import Starts
 from swarm.physics.world import World
@@ -121,9 +121,15 @@ def _dimensions(worlds: bool) -> dict[str, tuple[str, ...]]:
     }
 
 
-def settings(world: World) -> dict[str, Any]:
-    """A world's parameters as JSON values; parts by their name and parameters, a user's own by its class."""
-    return world.described()
+def origin(world: World, seed: int) -> dict[str, Any]:
+    """Attributes of what was found in a world: all that is needed to repeat it."""
+    return {
+        "seed": seed,
+        "life": world.life,
+        "world": json.dumps(world.described()),
+        "versions": json.dumps(provenance.versions()),
+        "commit": provenance.commit() or "",
+    }
 
 
 def data_of(results: xr.Dataset) -> dict[str, Any]:

@@ -27,13 +27,13 @@ def rollout(
     seed: int,
     *,
     population: streams.Population = "test",
-    episode: int = 0,
+    episode: int | np.ndarray = 0,
 ) -> Iterator[Moment]:
     """The start, then what every decision led to, until all lives are over.
 
     A policy with a state of its own gets it from decision to decision. Random numbers are those of the
     `population`'s seed and episode, cell by cell, whatever the policy. Starts (worlds, cells, …) are those of
-    several worlds, one for each episode from `episode` on.
+    several worlds, one for each episode from `episode` on, or of the episodes (worlds,) given.
     """
     state = started(world, starts, seed, population=population, episode=episode)
     numbers = chances(world, starts.heading.shape, seed, population=population, episode=episode)

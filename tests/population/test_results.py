@@ -12,7 +12,7 @@ from swarm.physics.fields import FunctionField
 from swarm.physics.world import World
 from swarm.policies.strategies import Random
 from swarm.population.contest import population_test
-from swarm.population.results import ResultsError, load_population, save_population, settings, world_of
+from swarm.population.results import ResultsError, load_population, save_population, world_of
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_results_come_back_as_they_were(results, saved):
 def test_the_world_can_be_made_again_from_its_settings(flow):
     options = {"n_records": 8, "varying_speed": True, "curvatures": (2.0, 3.0, 4.0), "life": 7.0}
     world = World(field="gaussian_plume", flow=flow, **options)
-    stored = xr.Dataset(attrs={"world": json.dumps(settings(world))})
+    stored = xr.Dataset(attrs={"world": json.dumps(world.described())})
     assert world_of(stored) == world
 
 

@@ -8,21 +8,21 @@ leading batch axes.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarm._support.arrays import as_array, namespace
+from swarm._support.arrays import as_array, kept_for, namespace
 from swarm._support.checks import (
     Checked,
     check_box,
     check_count,
     check_flag,
+    check_made,
     check_name,
     check_number,
     optional,
@@ -132,16 +132,12 @@ class Medium(Checked):
 
     def waves(self, like: Array) -> tuple[Waves, Waves]:
         """Waves along x and y in the array library, precision and device of `like`."""
-        cacheable = type(like).__module__ in ("numpy", "torch")  # a jax tracer must not outlive its trace
-        key = (type(like).__module__, like.dtype, str(like.device)) if cacheable else None
-        if key in self._waves:
-            return self._waves[key]
-        x, y = (
-            Waves(*(as_array(part, like) for part in transport.waves(n, length, periodic=self.mesh.periodic)))
-            for n, length in zip(self.shape, self.mesh.size, strict=True)
-        )
-        if cacheable:
-            self._waves[key] = x, y
+
+        def along(n: int, length: float) -> Waves:
+            parts = transport.waves(n, length, periodic=self.mesh.periodic)
+            return Waves(*(as_array(part, like) for part in parts))
+
+        x, y = kept_for(like, self._waves, lambda: tuple(map(along, self.shape, self.mesh.size)))
         return x, y
 
     # --- life ---------------------------------------------------------------------------------------------
@@ -312,17 +308,4 @@ def _propagators_of(medium: Medium, part: float, dtype: str) -> tuple[Array, Arr
     return medium._propagators_for(like, np.asarray(part, dtype))
 
 
-def check_medium(name: str, value: Any) -> Medium:
-    """The medium that `value` is or describes, a mapping of its parameters."""
-    if isinstance(value, Mapping):
-        known = [item.name for item in dataclasses.fields(Medium)]
-        for key in value:
-            check_name(f"parameter of {name}", key, known)
-        try:
-            return Medium(**value)
-        except (TypeError, ValueError) as error:
-            kind = TypeError if isinstance(error, TypeError) else ValueError
-            raise kind(f"{name}.{error}") from None
-    if not isinstance(value, Medium):
-        raise TypeError(f"{name} must be a Medium or a mapping of its parameters, got {value!r}")
-    return value
+check_medium = functools.partial(check_made, kind=Medium)  # of the medium that a value is or describes

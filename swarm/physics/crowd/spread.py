@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from swarm._support.checks import Checked, check_name, check_number, parameter
+from swarm._support.checks import Checked, check_made, check_number, parameter
 
 MOST = 3.0  # standard deviations, at which normal numbers are cut off
 
@@ -42,16 +42,4 @@ class Spread(Checked):
         return 1 + MOST * self.speed, 1 + MOST * self.curvature
 
 
-def check_spread(name: str, value: Any) -> Spread:
-    """The spread that `value` is or describes, a mapping of its parameters."""
-    if isinstance(value, Mapping):
-        for key in value:
-            check_name(f"parameter of {name}", key, ("speed", "curvature"))
-        try:
-            return Spread(**value)
-        except (TypeError, ValueError) as error:
-            kind = TypeError if isinstance(error, TypeError) else ValueError
-            raise kind(f"{name}.{error}") from None
-    if not isinstance(value, Spread):
-        raise TypeError(f"{name} must be a Spread or a mapping of its parameters, got {value!r}")
-    return value
+check_spread = functools.partial(check_made, kind=Spread)  # of the spread that a value is or describes

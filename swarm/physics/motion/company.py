@@ -263,19 +263,18 @@ def _converged(
     xp = namespace(start.position)
     curvature, speed, duration = arcs
     began = None if not hasattr(flow, "at") else duration * 0 + time
-    before, tried = (
-        None,
-        1 << max(0, math.ceil(math.log2(1e-9 + float(xp.max(xp.abs(curvature * speed * duration)))))),
-    )
+    precise = CONVERGED if xp.finfo(start.position.dtype).eps < 1e-10 else 1e-4
+    if any(isinstance(each, Contact) for each in interactions):
+        precise *= 100  # the kink
+    radians = float(xp.max(xp.abs(curvature * speed * duration)))
+    tried = 1 << max(0, math.ceil(math.log2(1e-9 + radians)))
+    before = None
     while tried <= MOST_SUBSTEPS:
         company = Company(flow, interactions, Collocation(5, 5, tried))
         end = company.swim(start, curvature, speed, duration, alive, began)[0]
-        precise = CONVERGED if xp.finfo(end.position.dtype).eps < 1e-10 else 1e-4
         if before is not None:
-            change = xp.max(xp.abs(end.position - before.position)) + xp.max(
-                xp.abs(end.heading - before.heading)
-            )
-            if float(change) <= (100 * precise if company.contacts else precise):
+            pairs = zip(end, before, strict=True)
+            if float(sum(xp.max(xp.abs(new - old)) for new, old in pairs)) <= precise:
                 return end
         before, tried = end, 2 * tried
     raise ValueError(

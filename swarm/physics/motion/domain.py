@@ -39,11 +39,16 @@ def within(flow: Flow, position: Array) -> Any:
     return flow if getattr(flow, "inside", None) is None else Within(flow, position)
 
 
+def inside_all(domains: Sequence[Inside], position: Array) -> Array | None:
+    """Whether positions (..., 2) lie in every domain, bool (...); None where there are none."""
+    return functools.reduce(operator.and_, (each(position) for each in domains)) if domains else None
+
+
 def kept(domains: Sequence[Inside], pose: Pose, before: Pose) -> tuple[Pose, Array | None]:
     """The pose, or where it lies outside a domain the one before, and where (...) that is so."""
-    if not domains:
+    inside = inside_all(domains, pose.position)
+    if inside is None:
         return pose, None
-    inside = functools.reduce(operator.and_, (each(pose.position) for each in domains))
     return Pose(*(instead(inside, *pair) for pair in zip(pose, before, strict=True))), ~inside
 
 

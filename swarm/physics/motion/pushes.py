@@ -98,8 +98,7 @@ class Pushes:
     def _along(self, track: Track, pairs: tuple[Array, Array], far: float, still: Array) -> Array:
         """δ of all cells: `still`, but for `pairs` that touch; `far` is what a cell swims at most."""
         xp = namespace(track.x)
-        rows, place = xp.unique_inverse(xp.concat(pairs))
-        first, second = place[: pairs[0].shape[0]], place[pairs[0].shape[0] :]
+        rows, (first, second) = _renumbered(pairs)
         track = track.of(rows)
         windows = max(1, math.ceil(far / (WINDOW * self.diameter)))
         x, y = track.at(self.scheme, np.arange(windows + 1) / windows)
@@ -159,10 +158,9 @@ class Pushes:
         """δ (2, cells) at rising moments of a window, its number and how many there are, and at its end."""
         number, windows = window
         xp = namespace(push)
-        rows, place = xp.unique_inverse(xp.concat(pairs))
-        half = pairs[0].shape[0]
-        first, second = place[:half], place[half:]
-        degree = added_up(xp.ones_like(place, dtype=push.dtype), place, rows.shape[0])
+        rows, (first, second) = _renumbered(pairs)
+        ends = xp.concat([first, second])
+        degree = added_up(xp.ones_like(ends, dtype=push.dtype), ends, rows.shape[0])
         crowding = max(1.0, 0.5 * float(xp.max(degree)))
         some = track.of(rows)
         longest = float(xp.max(xp.abs(some.step)))
@@ -212,6 +210,13 @@ class Pushes:
             )
 
         return force
+
+
+def _renumbered(pairs: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+    """The rows (cells,) that occur in pairs, and the pairs as places among these."""
+    xp, count = namespace(pairs[0]), pairs[0].shape[0]
+    rows, place = xp.unique_inverse(xp.concat(pairs))
+    return rows, (place[:count], place[count:])
 
 
 def _nearest(before: Array, after: Array) -> Array:

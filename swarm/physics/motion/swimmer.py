@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarm._support.arrays import as_array, look_up, namespace
+from swarm._support.arrays import as_array, kept_for, look_up, namespace
 from swarm._support.compiler import unrolled
 from swarm.physics.crowd.interactions import Interaction
 from swarm.physics.crowd.spread import Spread
@@ -90,14 +90,12 @@ class Swimmer:
 
     def tables(self, like: Array) -> Tables:
         """What decisions do, in the array library, dtype and device of `like`."""
-        cacheable = type(like).__module__ in ("numpy", "torch")  # a jax tracer must not outlive its trace
-        key = (type(like).__module__, like.dtype, str(like.device)) if cacheable else None
-        tables = self._tables.get(key)
-        if tables is None:
+
+        def made() -> Tables:
             weights = None if self.scheme is None else as_array(self.scheme.weights, like)
-            tables = Tables(as_array(self._rows(), like), self.clock.ticks(like), weights)
-            if cacheable:
-                self._tables[key] = tables
+            return Tables(as_array(self._rows(), like), self.clock.ticks(like), weights)
+
+        tables: Tables = kept_for(like, self._tables, made)
         return tables
 
     def _rows(self) -> np.ndarray:

@@ -72,34 +72,18 @@ class World(Parameters):
         check_start(self, position, heading, past, factors)
         position = join(*components(position))
         heading = join(xp.cos(heading), xp.sin(heading))
+        pose = Pose(position, heading)
         concentration = frozen(self.field, 0.0).concentration(position)
         check_cells("position", "have a finite concentration", position, xp.isfinite(concentration))
         finished = as_array(np.zeros(position.shape[:-1]), position, dtype=xp.bool)
         count = self.clock.start(finished)  # of the past too, which is swum as at t = 0
-        tables = (self.curvatures, self.action_speeds, self.intervals)
-        by_action = [as_array(np.asarray(values), position) for values in tables]
-        pose = Pose(position, heading)
         if self.spread is not None and factors is None:
             factors = xp.ones_like(position)
-        records: list[Sequence[Array]] = []
-        for i in range(self.n_records):
-            curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
-            sensed = frozen(self.field, 0.0).concentration(pose.position)
-            if self.medium is not None and medium is not None:
-                sensed = self.medium.sense(medium, pose.position, sensed)
-            if self.concentration_noise > 0 and noise is not None:
-                sensed = sensed + self.concentration_noise * noise[..., i]
-            chosen = self.normal_curvature(curvature)
-            records.append(self._record(pose, sensed, chosen, finished, count, factors, alone=i > 0))
-            if i < self.n_records - 1:
-                if factors is not None:
-                    speed, curvature = speed * factors[..., 0], curvature * factors[..., 1]
-                pose, _ = kept(self.domains, self.swimmer.swim_back(pose, curvature, speed, interval), pose)
+        records = self._past(pose, concentration, past, (finished, count, factors), noise, medium)
         if len(records[0]) != self.features:
             names = ", ".join(self.sensor.names)
             raise ValueError(f"sensor must record a number for each of {names}, got {len(records[0])}")
-        memory = perception.memory_of(records)
-        state = State(position, heading, memory, count, concentration, finished, factors)
+        state = State(*pose, perception.memory_of(records), count, concentration, finished, factors)
         if self.race is not None:
             state = state._replace(arrival_time=xp.full_like(concentration, math.inf))
         if self.medium is not None:
@@ -107,6 +91,32 @@ class World(Parameters):
             state = state._replace(medium=medium)
             state = state._replace(start_concentration=self.concentration(state))
         return state
+
+    def _past(
+        self, pose: Pose, concentration: Array, past: Array, cells: Sequence[Array], noise: Array, medium: Any
+    ) -> list[Sequence[Array]]:
+        """The records of a past, newest first, that was swum to a pose where the field's concentration is
+        known, in a medium as it is at first or as given; `cells` are what `_record` asks of them.
+        """
+        field = frozen(self.field, 0.0)
+        by_action = [
+            as_array(np.asarray(values), pose.position)
+            for values in (self.curvatures, self.action_speeds, self.intervals)
+        ]
+        records: list[Sequence[Array]] = []
+        for i in range(self.n_records):
+            curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
+            sensed = concentration if i == 0 else field.concentration(pose.position)
+            if medium is not None and self.medium is not None:
+                sensed = self.medium.sense(medium, pose.position, sensed)
+            if self.concentration_noise > 0 and noise is not None:
+                sensed = sensed + self.concentration_noise * noise[..., i]
+            records.append(self._record(pose, sensed, self.normal_curvature(curvature), *cells, alone=i > 0))
+            if i < self.n_records - 1:
+                if (factors := cells[-1]) is not None:
+                    speed, curvature = speed * factors[..., 0], curvature * factors[..., 1]
+                pose, _ = kept(self.domains, self.swimmer.swim_back(pose, curvature, speed, interval), pose)
+        return records
 
     def step(self, state: State, action: Array, noise: Array = None) -> tuple[State, Outcome]:
         """One decision of every cell, whatever its length; a finished cell stays where it is, and one that
@@ -141,17 +151,10 @@ class World(Parameters):
         memory, observation = perception.renew(state.memory, newest)
         arrival_time = self._arrival_time(state, interval, swum, path)
         terminated, truncated, finished = self._ends(state, interval, swum, path, left, medium, arrival_time)
-        after = State(
-            *pose,
-            memory,
-            interval.count,
-            state.start_concentration,
-            finished,
-            state.factors,
-            arrival_time,
-            medium,
-        )
-        ends = terminated, truncated, concentration - state.start_concentration
+        first = state.start_concentration
+        shared = state.factors, arrival_time, medium
+        after = State(*pose, memory, interval.count, first, finished, *shared)
+        ends = terminated, truncated, concentration - first
         reward = self.reward.reward(self, state, after, Outcome(observation, None, *ends))
         return after, Outcome(observation, reward, *ends)
 
