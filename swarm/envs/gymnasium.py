@@ -111,10 +111,8 @@ class SpermSwarmVector(Watched, VectorEnv):
         over = self._begun()
         action = np.where(over, self.arena.action, self._checked(actions))
         if over.any() and self.autoreset_mode is AutoresetMode.DISABLED:
-            waiting = ", ".join(f"swimmer_{i}" for i in np.flatnonzero(over)[:3])
-            raise RuntimeError(
-                f"step: the lives of {waiting} are over; call reset with options['reset_mask']"
-            )
+            names = ", ".join(f"swimmer_{i}" for i in np.flatnonzero(over)[:3])
+            raise RuntimeError(f"step: the lives of {names} are over; call reset with options['reset_mask']")
         arena = copy.copy(self.arena)  # kept only if nothing goes wrong
         observation, reward, terminated, truncated, _ = arena.step(action)
         if self.max_cycles is not None:
@@ -165,7 +163,8 @@ class SpermSwarmVector(Watched, VectorEnv):
 
     def _info(self) -> dict[str, Any]:
         found = {"gain": self.arena.gain} | self.arena.told()
-        found |= {"waiting": self._waiting.any(axis=0)} if self._together else {}
+        if self._together:
+            found["waiting"] = np.any(self._waiting, axis=0)
         everyone = {f"_{name}": np.ones(self.num_envs, bool) for name in found}
         return {name: values.copy() for name, values in found.items()} | everyone
 
