@@ -99,8 +99,12 @@ class SeedDQNLoss(LossModule):
         if delay_value:
             self._modules["target_value_network_params"].to_module(target)
 
+    def measured(self, batch: Mapping) -> tuple[Tensor, Tensor]:
+        """Loss and mean value (seeds,), without a TensorDict."""
+        return self.error(self.value_network, self.target_network, batch)
+
     def forward(self, batch: Mapping) -> TensorDict:
-        loss, value = self.error(self.value_network, self.target_network, batch)
+        loss, value = self.measured(batch)
         return TensorDict({"loss": loss, "chosen_action_value": value.detach()}, loss.shape)
 
 
@@ -174,13 +178,13 @@ class DQN(Algorithm):
 
     def _update(self, batch: Mapping) -> Mapping[str, Tensor]:
         """One step of the optimiser."""
-        measured = self.loss(batch)
+        loss, value = self.loss.measured(batch)
         self.optimiser.zero_grad()
-        measured["loss"].sum().backward()
+        loss.sum().backward()
         self.optimiser.step()
         if self.follow is not None:
             self.follow.step()
-        return measured
+        return {"loss": loss, "chosen_action_value": value.detach()}
 
     def begin(self, epoch: int) -> None:
         self.epoch, self.waiting = epoch, dict[Any, Tensor]()
