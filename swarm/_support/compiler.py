@@ -104,6 +104,7 @@ def compiling(array: Array) -> bool:
     return torch.compiler.is_compiling()
 
 
+SMALL = 4096  # numbers up to which NumPy calls are quicker than torch's
 _OUTSIDE: list[Callable[..., Array]] = []  # functions that are called from compiled code as they are
 
 
@@ -133,7 +134,9 @@ def _declare_outside() -> None:
     from torch import Tensor
 
     def call(number: int, shape: list[int], like: Tensor, arrays: list[Tensor]) -> Tensor:
-        return _OUTSIDE[number](*arrays).clone()
+        if arrays[0].device.type != "cpu" or arrays[0].numel() > SMALL:
+            return _OUTSIDE[number](*arrays).clone()
+        return torch.from_numpy(_OUTSIDE[number](*(each.numpy() for each in arrays)))  # in the same memory
 
     call.__annotations__ = {
         "number": int,
