@@ -236,7 +236,7 @@ class Scaled:
         ({"field": TaylorGreen()}, r"field must have concentration\(position\), gradient_scale"),
         (
             {"sense_flow": True},
-            "sense_flow needs a flow with speed_scale and spin_.* above 0.*got speed_scale 0",
+            "sense_flow must go with a flow with speed_scale and spin_.* above 0.*got speed_scale 0",
         ),
         ({"sense_flow": True, "flow": Scaled(0.1, 0.0)}, "sense_flow needs .*got .*0.1 and spin_scale 0"),
         ({"sense_flow": True, "flow": Scaled(0.0, 0.1)}, "sense_flow .* speed_scale 0 and spin_scale 0.1"),
