@@ -117,14 +117,26 @@ def outside(function: Callable[..., Array]) -> int:
 
 def call_outside(number: int, shape: tuple[int, ...], like: Array, *arrays: Array) -> Array:
     """What the function of that `number` returns of the arrays: an array of a shape, with the dtype of
-    `like`. While torch compiles, the call alone is compiled.
+    `like`. While torch compiles, the call alone is compiled; jax calls back to NumPy.
     """
+    if type(like).__module__.startswith("jax"):
+        return _called_by_jax(number, shape, like, *arrays)
     if not compiling(like):
         return _OUTSIDE[number](*arrays)
     import torch
 
     found: Array = torch.ops.chemoswarm.call_outside(number, list(shape), like, list(arrays))
     return found
+
+
+def _called_by_jax(number: int, shape: tuple[int, ...], like: Array, *arrays: Array) -> Array:
+    import jax
+
+    def call(*given: Array) -> np.ndarray:
+        return np.asarray(_OUTSIDE[number](*map(np.asarray, given)), like.dtype)
+
+    wanted = jax.ShapeDtypeStruct(shape, like.dtype)
+    return jax.pure_callback(call, wanted, *arrays, vmap_method="sequential")
 
 
 @functools.cache
