@@ -40,8 +40,6 @@ class Scene:
             labels = [(52, "time"), (130, "mean gain"), (340, "swimming"), (416 + lower, shown)]
             for row, label in labels:
                 self.easel.write(LEFT, row, label, fontsize=13, color=FAINT)
-            if world.race is not None:
-                self.easel.write(LEFT + 108, 340, "at the egg", fontsize=13, color=FAINT)
             if teams is not None:
                 self._write_teams(teams)
             self.paper = self.backdrop = self.easel.kept()
@@ -138,8 +136,10 @@ class Scene:
         write(LEFT, 162, signed(f"{mean[-1]:+z.2f}"), fontsize=27, weight="bold", color=GOLD)
         write(LEFT, 366, f"{int((~finished).sum())} of {len(finished)}", fontsize=18)
         if glance.won is not None and self.world.race is not None:
-            came = f"{int(glance.won.sum())} of {self.world.race.arrivals}"
-            write(LEFT + 108, 366, came + (", closed" if glance.closed else ""), fontsize=18, color=GOLD)
+            came, needed = int(glance.won.sum()), self.world.race.arrivals
+            late = f" +{came - needed}" if came > needed else ""  # but before the egg closed
+            write(LEFT + 104, 340, "closed egg" if glance.closed else "at the egg", fontsize=13, color=FAINT)
+            write(LEFT + 104, 366, f"{min(came, needed)} of {needed}{late}", fontsize=18, color=GOLD)
             for number in self.tints:
                 wins = int((glance.won & (self.teams.steered_by == number)).sum())
                 write(RIGHT, 412 + TEAM * (number + 1), str(wins), fontsize=13, color=GOLD, ha="right")

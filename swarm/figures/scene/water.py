@@ -16,6 +16,7 @@ from PIL import Image
 from swarm.figures.scene.easel import FAINT, INK, LEFT, PAPER, SIZE, Easel, nice_step, signed
 from swarm.figures.scene.glance import Camera, Glance
 from swarm.figures.style import in_domain
+from swarm.physics.crowd.medium import Medium, MediumState
 from swarm.physics.motion.clock import frozen
 from swarm.physics.world import World
 
@@ -28,19 +29,20 @@ SEA = LinearSegmentedColormap.from_list("sea", ["#0b1330", "#10315c", "#145374",
 PLUM = LinearSegmentedColormap.from_list("plum", ["#0d0f26", "#1f2250", "#38306f", "#57397b", "#7a4681"])
 
 
-def concentration_at(world: World, time: float, medium: Any, places: np.ndarray) -> np.ndarray:
+def concentration_at(
+    world: World, time: float, places: np.ndarray, held: MediumState | None = None, medium: Medium | None = None
+) -> np.ndarray:
     """Concentration (...) that cells sense at places (..., 2) at a time, NaN where none is known.
 
-    `medium` is a `MediumState` of one world, or None.
+    `held` is what the medium of one world holds, on the grid of `medium`, by default the world's.
     """
+    medium = medium or world.medium
 
     def sensed(at: np.ndarray) -> np.ndarray:
-        if medium is None or world.medium is None:
+        if medium is None or held is None:
             return np.asarray(frozen(world.field, time).concentration(at))
-        carried = world.medium.carried
-        field = np.zeros(len(at)) if carried else frozen(world.field, time).concentration(at)
-        found = world.medium.sense(medium, at, field)
-        return np.where(world.medium.inside(at, medium.origin), found, np.nan)
+        field = np.zeros(len(at)) if medium.carried else frozen(world.field, time).concentration(at)
+        return np.where(medium.inside(at, held.origin), medium.sense(held, at, field), np.nan)
 
     places = np.asarray(places, float)
     return in_domain(world, sensed, places.reshape(-1, 2)).reshape(places.shape[:-1])
@@ -85,7 +87,7 @@ class Water:
         """Concentration, or the flow's speed, as colour, with lines of equal concentration."""
         offsets = ((np.arange(GRID) + 0.5) / GRID - 0.5) * camera.width
         grid = np.stack(np.meshgrid(camera.x + offsets, camera.y - offsets), axis=-1)
-        found = concentration_at(self.world, time, medium, grid)
+        found = concentration_at(self.world, time, grid, medium)
         known, concentration = np.isfinite(found), np.nan_to_num(found).astype(float)
         shown = np.abs(speed_at(self.world, time, grid)) if self.shows_flow else concentration
         values = shown[known] if known.any() else shown
@@ -97,7 +99,7 @@ class Water:
             veil = 0.8 / 255 * _enlarged(255 * ~known)[..., None]
             water[..., :3] = (1 - veil) * water[..., :3] + veil * 255 * np.array(to_rgb(PAPER))
         self.easel.show(water, 0, 0)
-        self._draw_levels(concentration)
+        self._draw_levels(found if self.world.medium else concentration)
 
     def _widen(self, low: float, high: float) -> None:
         """Let colours run over these values too."""
@@ -107,13 +109,13 @@ class Water:
         self.span = low, high
 
     def _draw_levels(self, concentration: np.ndarray) -> None:
-        low, high = float(concentration.min()), float(concentration.max())
-        if high <= low:
+        low, high = float(np.nanmin(concentration)), float(np.nanmax(concentration))
+        if not high > low:
             return
         step = nice_step(max(high - low, SHALLOW * high if self.world.medium else 0.0) / 8)
         levels = np.arange(math.ceil(low / step), math.floor(high / step) + 1)
         ticks = np.interp(np.arange(GRID), (0, 1, GRID - 2, GRID - 1), (-1, 5.5, SIZE - 6.5, SIZE))
-        found: Any = contour_generator(ticks, ticks, concentration).multi_lines(levels * step)
+        found: Any = contour_generator(ticks, ticks, np.ma.masked_invalid(concentration)).multi_lines(levels * step)
         strong = [0.25 if level % 5 == 0 else 0.1 for level in levels]
         drawn = [(line, each) for lines, each in zip(found, strong, strict=True) for line in lines]
         self.easel.lines([line for line, _ in drawn], "#ffffff", [each for _, each in drawn], 1.0)
