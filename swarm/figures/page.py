@@ -84,7 +84,11 @@ def _policy(results: xr.Dataset, name: str, shown: int) -> dict[str, Any]:
         "name": name,
         "gain": [round(float(gain), 6) for gain in one["gain"].values],
         "shape": [shown, one.sizes["decision"]],
-        **({"arrival": _or_none(one["arrival_time"]), "won": one["won"].values.tolist()} if "won" in one else {}),
+        **(
+            {"arrival": _or_none(one["arrival_time"]), "won": one["won"].values.tolist()}
+            if "won" in one
+            else {}
+        ),
         "series": {key: _packed(values.values, "<f4") for key, values in series.items()},
     }
 

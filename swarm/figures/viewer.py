@@ -19,8 +19,8 @@ class Viewer:
     """Draws the swarm as it goes; `follow` every state in turn, then take a `picture`.
 
     The camera follows the cells that are alive. Colours run over all that has been in view, so a swarm that
-    climbs comes to brighter places. Cells of several policies are coloured by their `teams`. With `window=True` every state that is followed is shown, at `fps`
-    pictures per second (needs pygame).
+    climbs comes to brighter places. Cells of several policies are coloured by their `teams`. With
+    `window=True` every state that is followed is shown, at `fps` pictures per second (needs pygame).
     """
 
     def __init__(

@@ -64,9 +64,9 @@ def watch(
     """Show a policy in a window, or write a film (.mp4, .gif) or a page (.html), whole or not at all.
 
     `against` another the policy steers a `share` of the cells, by default half, in a race to the egg as in
-    `swarm.population.evaluation.compete`. `size` is the height of a film in pixels. `progress` is called with the decisions that are done and the
-    most there can be. Raises PolicyError for a policy that cannot be had, OSError where there is no display
-    for a window.
+    `swarm.population.evaluation.compete`. `size` is the height of a film in pixels. `progress` is called with
+    the decisions that are done and the most there can be. Raises PolicyError for a policy that cannot be had,
+    ValueError for a `share` without a rival, OSError where there is no display for a window.
     """
     check_target(out, size)
     if share is not None and against is None:

@@ -30,7 +30,11 @@ PLUM = LinearSegmentedColormap.from_list("plum", ["#0d0f26", "#1f2250", "#38306f
 
 
 def concentration_at(
-    world: World, time: float, places: np.ndarray, held: MediumState | None = None, medium: Medium | None = None
+    world: World,
+    time: float,
+    places: np.ndarray,
+    held: MediumState | None = None,
+    medium: Medium | None = None,
 ) -> np.ndarray:
     """Concentration (...) that cells sense at places (..., 2) at a time, NaN where none is known.
 
@@ -115,7 +119,9 @@ class Water:
         step = nice_step(max(high - low, SHALLOW * high if self.world.medium else 0.0) / 8)
         levels = np.arange(math.ceil(low / step), math.floor(high / step) + 1)
         ticks = np.interp(np.arange(GRID), (0, 1, GRID - 2, GRID - 1), (-1, 5.5, SIZE - 6.5, SIZE))
-        found: Any = contour_generator(ticks, ticks, np.ma.masked_invalid(concentration)).multi_lines(levels * step)
+        found: Any = contour_generator(ticks, ticks, np.ma.masked_invalid(concentration)).multi_lines(
+            levels * step
+        )
         strong = [0.25 if level % 5 == 0 else 0.1 for level in levels]
         drawn = [(line, each) for lines, each in zip(found, strong, strict=True) for line in lines]
         self.easel.lines([line for line, _ in drawn], "#ffffff", [each for _, each in drawn], 1.0)
