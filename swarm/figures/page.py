@@ -38,8 +38,8 @@ def page(
     """HTML of a population test that was recorded; nothing is loaded from elsewhere.
 
     Shows the first `cells` cells (at most 200) of every policy, of the first world where there are several;
-    `world` is by default the one that the results tell. Cells of `teams` have their colours. Raises ValueError for results without time
-    series.
+    `world` is by default the one that the results tell. Cells of `teams` have their colours. Raises
+    ValueError for results without time series.
     """
     if "position" not in results:
         raise ValueError(

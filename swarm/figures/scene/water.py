@@ -1,4 +1,4 @@
-"""What cells swim in: the water as it is at a time, the lines and streaks in it, the egg, scale and colours."""
+"""What cells swim in: the water as it is at a time, lines and streaks in it, the egg, scale and colours."""
 
 from __future__ import annotations
 
