@@ -131,7 +131,8 @@ def on_dark(colour: str) -> str:
     """The colour, made lighter until it can be seen on dark water."""
     rgb = np.array(to_rgb(colour))
     luminance = float(rgb @ (0.2126, 0.7152, 0.0722))
-    return to_hex(rgb + (1 - rgb) * max(0.0, (0.5 - luminance) / (1 - luminance)))
+    red, green, blue = rgb + (1 - rgb) * max(0.0, (0.5 - luminance) / (1 - luminance))
+    return to_hex((red, green, blue))
 
 
 def chosen_policies(results: xr.Dataset, policies: Sequence[str] | None = None) -> list[str]:

@@ -153,7 +153,7 @@ def _series(world: World, moment: Moment) -> dict[str, np.ndarray]:
     }
     if state.medium is not None:
         values["eaten"] = state.medium.eaten
-    row = {name: np.array(value, SERIES[name][1]) for name, value in values.items()}
+    row: dict[str, np.ndarray] = {name: np.array(value, SERIES[name][1]) for name, value in values.items()}
     for column in row.values():
         column[~moment.alive] = np.nan
     return row

@@ -53,7 +53,7 @@ def test_water_is_that_of_the_present_time():
 
 
 def test_who_has_won_sits_at_the_egg_and_the_egg_is_closed():
-    viewer, state = seen(RACE)
+    viewer, _ = seen(RACE)
     assert viewer.glance.won.sum() == 2
     assert viewer.glance.closed
     (x, y), radius = RACE.egg
@@ -83,9 +83,8 @@ def data_of(text):
 
 
 def test_a_page_holds_frames_of_the_medium_and_stays_small(tmp_path):
-    world = EATING.replace(
-        medium=swarm.Medium(**(MEDIUM | {"box": ((-40, 40), (-40, 60)), "shape": (320, 400)}))
-    )
+    medium = swarm.Medium(shape=(80, 70), uptake=0.02, leaving="wrap")
+    world = EATING.replace(medium=medium)
     results = population_test(world, {"swinging": swarm.Swinging()}, cells=40, life=80.0, limit=False)
     save_population(results, tmp_path / "population.nc")
     assert load_population(tmp_path / "population.nc").identical(results)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -49,7 +50,12 @@ class Scene:
         self.easel.write(LEFT, 412, "steered by", fontsize=13, color=FAINT)
         for i, name in enumerate(teams.names):
             row = 412 + TEAM * (i + 1)
-            dot = {"marker": "o", "markersize": 11, "markeredgecolor": HEAD, "markeredgewidth": 1.0}
+            dot: dict[str, Any] = {
+                "marker": "o",
+                "markersize": 11,
+                "markeredgecolor": HEAD,
+                "markeredgewidth": 1.0,
+            }
             self.easel.draw(Line2D([LEFT + 6], [row - 5], color=self.tints[i], **dot))
             text = name if len(name) <= 22 else "…" + name[-21:]
             self.easel.write(LEFT + 20, row, plain(text), fontsize=13)
@@ -88,7 +94,7 @@ class Scene:
             lines = camera.pixels(places_behind(trail, share, np.linspace(0, oldest, 8 * len(trail) + 1)))
             age = np.linspace(0, oldest, 2 * len(trail))
             fading = (1 - age / TRAIL) ** 1.5 * np.clip(0.25 + age / TAIL, 0, 1)  # less under the flagellum
-            for colour, cells in self._by_colour(len(place)):
+            for colour, cells in self._by_team() or [(GOLD, np.ones(len(place), bool))]:
                 self.easel.fade(lines[cells], colour, 0.16 * fading, 6.0)
                 self.easel.fade(lines[cells], colour, 0.85 * fading, 1.6)
             back = np.linspace(0, min(TAIL, oldest), 25)
@@ -113,8 +119,8 @@ class Scene:
             angle = np.where(glance.won, np.angle(-inwards), angle)
             resting = glance.finished & ~glance.won
             heads[glance.won] = GOLD
-        for number, tint in self.tints.items():
-            heads[self.teams.steered_by == number] = tint
+        for tint, cells in self._by_team():
+            heads[cells] = tint
         first = np.argsort(~resting, kind="stable")
         length = np.full(len(first), 2 * min(max(0.11 * camera.scale, 4.0), 7.0))
         colours = np.where(resting, RESTING, heads)[first].tolist()
@@ -122,10 +128,10 @@ class Scene:
         rim = {"facecolors": colours, "edgecolors": SHADOW, "linewidths": 1.2}
         self.easel.ellipses(places, length, 0.62 * length, tilt, **rim)
 
-    def _by_colour(self, cells: int) -> list[tuple[str, np.ndarray]]:
-        """The colours of trails, and the cells that have each."""
+    def _by_team(self) -> list[tuple[str, np.ndarray]]:
+        """The colour of each team, and which cells are its."""
         if self.teams is None:
-            return [(GOLD, np.ones(cells, bool))]
+            return []
         return [(tint, self.teams.steered_by == number) for number, tint in self.tints.items()]
 
     def _draw_numbers(self, curve: np.ndarray, glance: Glance) -> None:
@@ -140,9 +146,9 @@ class Scene:
             late = f" +{came - needed}" if came > needed else ""  # but before the egg closed
             write(LEFT + 104, 340, "closed egg" if glance.closed else "at the egg", fontsize=13, color=FAINT)
             write(LEFT + 104, 366, f"{min(came, needed)} of {needed}{late}", fontsize=18, color=GOLD)
-            for number in self.tints:
-                wins = int((glance.won & (self.teams.steered_by == number)).sum())
-                write(RIGHT, 412 + TEAM * (number + 1), str(wins), fontsize=13, color=GOLD, ha="right")
+            for i, (_, cells) in enumerate(self._by_team()):
+                wins = str(int((glance.won & cells).sum()))
+                write(RIGHT, 412 + TEAM * (i + 1), wins, fontsize=13, color=GOLD, ha="right")
         ends = min(float(least.min()), 0.0), max(float(largest.max()), 1e-9)
         x = np.interp(time, (0, max(time[-1], 1e-9)), (LEFT, RIGHT))
         zero, mean, least, largest = (np.interp(y, ends, CURVE[::-1]) for y in (0.0, mean, least, largest))
