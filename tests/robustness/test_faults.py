@@ -327,14 +327,14 @@ def test_a_reward_that_is_no_number_ends_the_run_and_names_the_cell(monkeypatch,
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf")])
 def test_a_loss_that_is_no_number_ends_the_run_and_names_the_epoch(monkeypatch, capsys, number, expected):
-    original, calls = dqn.SeedDQNLoss.forward, iter(range(10**6))
+    original, calls = dqn.SeedDQNLoss.measured, iter(range(10**6))
 
-    def forward(*arguments):
-        outcome = original(*arguments)
-        return outcome.set("loss", outcome["loss"] * number) if next(calls) == 29 else outcome
+    def measured(*arguments):
+        loss, value = original(*arguments)
+        return (loss * number if next(calls) == 29 else loss), value
 
     with monkeypatch.context() as patch:
-        patch.setattr(dqn.SeedDQNLoss, "forward", forward)
+        patch.setattr(dqn.SeedDQNLoss, "measured", measured)
         said = message(capsys, begin)
     assert f"loss must be finite, got {number} in epoch 5 of seed 3" in said
     assert listed(runs.RunFolder(Path("run"))) == ["epoch_000002", "epoch_000004"]
