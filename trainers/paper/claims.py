@@ -5,15 +5,15 @@ What is claimed, and by which criterion it is judged, is in `statements.yaml`.
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib import resources
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import yaml
 
 from swarm.population.statistics import LEVEL, margin
-from trainers.paper.measurements import DEVISED, Evidence, Lives, TrainingGains
+from trainers.paper.measurements import DEVISED, Lives, TrainingGains
 
 REPRODUCED, NOT_REPRODUCED, REVERSED = "reproduced", "not reproduced", "reversed"
 TENTH = 0.1  # part of the epochs at either end of a training that are compared
@@ -164,9 +164,11 @@ class Statement(NamedTuple):
     criterion: Criterion
 
 
-def statements() -> Iterator[Statement]:
-    """Every statement, in the paper's order."""
-    source = resources.files("trainers.paper") / "statements.yaml"
+def statements(
+    room: str = "trainers.paper", measures: Mapping[str, Measure] = MEASURES
+) -> Iterator[Statement]:
+    """Every statement in the `statements.yaml` of a room, in its order; by default the paper's."""
+    source = resources.files(room) / "statements.yaml"
     stored = yaml.safe_load(source.read_text(encoding="utf-8"))
     names = {"": ""} | stored["names"]
     for row in stored["statements"]:
@@ -178,7 +180,7 @@ def statements() -> Iterator[Statement]:
             yield Statement(
                 row["id"].format(**words),
                 row["text"].format(**words),
-                MEASURES[measure],
+                measures[measure],
                 samples.split(),
                 Criterion(sign, float(bound or 0)),
             )
@@ -201,7 +203,15 @@ class Claim(NamedTuple):
     by_seed: dict[str, list[float]]  # the number of every seed in each sample
 
 
-def judged(statement: Statement, evidence: Evidence, recipe: str) -> Claim | None:
+class Samples(Protocol):
+    """Evidence of any kind."""
+
+    def sample(self, where: str, recipe: str) -> Any:
+        """What was measured at CASE/KIND under a recipe, with its `seeds`; None where nothing was."""
+        ...
+
+
+def judged(statement: Statement, evidence: Samples, recipe: str) -> Claim | None:
     """The verdict on a statement under a recipe; None where something was not measured."""
     found = [evidence.sample(where, recipe) for where in statement.samples]
     samples = [statement.measure.values(each) for each in found if each is not None]
@@ -227,10 +237,12 @@ def judged(statement: Statement, evidence: Evidence, recipe: str) -> Claim | Non
     )
 
 
-def all_claims(evidence: Evidence, recipes: Sequence[str]) -> list[Claim]:
+def all_claims(
+    evidence: Samples, recipes: Sequence[str], given: Iterable[Statement] | None = None
+) -> list[Claim]:
     """Every statement whose measurements are there: once if nobody trains for it, else under each recipe."""
     found: dict[tuple[str, str | None], Claim] = {}
-    for statement in statements():
+    for statement in statements() if given is None else given:
         for recipe in recipes or (DEVISED,):
             if (claim := judged(statement, evidence, recipe)) is not None:
                 found.setdefault((claim.id, claim.recipe), claim)
