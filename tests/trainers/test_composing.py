@@ -11,7 +11,7 @@ from trainers.settings.composition import SettingsError, names_of, settings_from
 from trainers.settings.schema import Settings
 
 EXPERIMENTS = ["linear_n2", "linear_n4", "linear_n8", "varying_speed", "radial"]
-EXPERIMENTS += ["taylor_green_aware", "taylor_green_blind"]
+EXPERIMENTS += ["taylor_green_aware", "taylor_green_blind", "crowd_uptake", "race", "shear", "film"]
 DEFAULTS = Settings().dotted()
 KEYS = [("dqn", key) for key in DEFAULTS] + [
     ("ppo", key) for key in Settings(algorithm="ppo").dotted() if key.startswith("learning.")

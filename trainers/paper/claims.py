@@ -173,7 +173,8 @@ def statements(
     names = {"": ""} | stored["names"]
     for row in stored["statements"]:
         for kind, case in itertools.product(row.get("kinds", [""]), row.get("cases", [""])):
-            words = {"kind": kind, "case": case, "setting": names[case], "subject": names[kind]}
+            words = {"kind": kind, "case": case, "setting": names.get(case, case)}
+            words["subject"] = names.get(kind, kind)
             words["Subject"] = words["subject"].capitalize()
             measure, _, samples = row["number"].format(**words).rpartition(" of ")
             sign, _, bound = row["is"].partition(" ")
