@@ -65,14 +65,14 @@ LOOKS = {
     "aware": Look("aware DQN", "#0072B2", "-", "o"),
     "blind": Look("blind DQN", "#CC79A7", (0, (5, 1, 1, 1)), "v"),
     "still": Look("still-water DQN", "#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P"),
-    "alone": Look("alone, no medium", "#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P"),
-    "wake": Look("alone, own wake", "#CC79A7", (0, (5, 1, 1, 1)), "v"),
-    "crowd": Look("crowd of 40", "#0072B2", "-", "o"),
-    "crowd_160": Look("crowd of 160", "#222222", "-", "D"),
-    "crowd_ppo": Look("crowd of 40, PPO", "#E69F00", "-", "X"),
-    "own": Look("own reward", "#0072B2", "-", "o"),
-    "arrival": Look("reward arrival", "#CC79A7", (0, (5, 1, 1, 1)), "v"),
-    "learnt": Look("learnt", "#0072B2", "-", "o"),
+    "alone": Look("alone, no medium", "#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "<"),
+    "wake": Look("alone, own wake", "#CC79A7", (0, (5, 1, 1, 1)), ">"),
+    "crowd": Look("crowd of 40", "#0072B2", "-", "*"),
+    "crowd_160": Look("crowd of 160", "#222222", "-", "d"),
+    "crowd_ppo": Look("crowd of 40, PPO", "#E69F00", "-", "p"),
+    "own": Look("own reward", "#0072B2", "-", "h"),
+    "arrival": Look("reward arrival", "#CC79A7", (0, (5, 1, 1, 1)), "H"),
+    "learnt": Look("learnt", "#0072B2", "-", "8"),
 }
 SPARE = ("#56B4E9", "#CC79A7", "#E69F00", "#999999")
 DARK_IS_HIGH = LinearSegmentedColormap.from_list("dark is high", ["#ffffff", "#8f9aa5"])

@@ -110,7 +110,7 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
         ("world._target_=os.system", "settings have no key 'world._target_'"),
         ("_target_=os.system", "settings have no key '_target_'"),
         ("experiment=linear_4", "got 'linear_4'; did you mean 'linear_n4'?"),
-        ("experiment=", "experiment must be one of linear_n2"),
+        ("experiment=", "experiment must be one of crowd_uptake"),
         ("experiment=[linear_n2,linear_n4]", "experiment must be one of"),
         ("experiment=../../secret", "experiment must be one of"),
         ("recipe=papers", "recipe must be one of paper, swarm, got 'papers'; did you mean 'paper'?"),

@@ -1,1 +1,1 @@
-"""Experiments on crowds: cells that eat, race, search in shear and touch; trained, measured, judged, reported."""
+"""Experiments on crowds: cells that eat, race, search in shear and touch, measured and judged."""

@@ -13,13 +13,13 @@ from trainers.paper.claims import estimate
 
 FOLDER = "figures"
 CAPTIONS = {
-    UPTAKE: "Cells that eat what they follow: (a) how far they climb, (b) their gain, by the number of cells in "
-    "the same water. In the legend: what each policy was trained in.",
-    RACE: "The share of the wins of a learnt policy against greedy, by its share of the crowd. Dotted: as many wins "
-    "as cells.",
+    UPTAKE: "Cells that eat what they follow: (a) how far they climb, (b) their gain, by the number of cells "
+    "in the same water. In the legend: what each policy was trained in.",
+    RACE: "The share of the wins of a learnt policy against greedy, by its share of the crowd. Dotted: as "
+    "many wins as cells.",
     SHEAR: "The part of the cells that reach an egg in shear, by the shear rate.",
-    FILM: "A dense film with contact, with the flow of dipoles, with both and with neither: (a) gain, (b) polar "
-    "order, (c) distance of the nearest neighbour.",
+    FILM: "A dense film with contact, with the flow of dipoles, with both and with neither: (a) gain, "
+    "(b) polar order, (c) distance of the nearest neighbour.",
 }
 
 

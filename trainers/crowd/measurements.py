@@ -61,7 +61,8 @@ class CrowdEvidence(NamedTuple):
 def measure(point: Point) -> dict[str, Sample]:
     """What happens at a point under every kind of policy, greedy first; in a race all are against greedy."""
     by_seed: Callable[[Point, AnyPolicy], dict[str, np.ndarray]] = _MEASURED[point.experiment]
-    players = {} if point.experiment == RACE else {RIVAL: ((), (Greedy(),))}
+    greedy: dict[str, tuple[tuple[int, ...], Sequence[AnyPolicy]]] = {RIVAL: ((), (Greedy(),))}
+    players = {} if point.experiment == RACE else greedy
     players |= {stack.kind: (stack.seeds, stack.policies) for stack in point.stacks}
     found = {}
     for kind, (seeds, policies) in players.items():

@@ -8,7 +8,7 @@ from swarm._support.tables import NOTHING, Table
 from swarm.figures.style import look
 from trainers.crowd.illustrations import CAPTIONS, FOLDER, PANELS, places
 from trainers.crowd.measurements import MEASURES, CrowdEvidence
-from trainers.crowd.plan import FILM, SHEAR, UPTAKE, VARIANTS, CrowdPlan
+from trainers.crowd.plan import CROWD, FILM, RACE, SHEAR, UPTAKE, VARIANTS, CrowdPlan
 from trainers.paper.claims import NOT_REPRODUCED, REPRODUCED, REVERSED, Claim, estimate
 from trainers.paper.report import interval_of, number
 from trainers.paper.stacks import TrainingCurve
@@ -16,7 +16,7 @@ from trainers.paper.stacks import TrainingCurve
 VERDICTS = {REPRODUCED: "yes", NOT_REPRODUCED: "not shown", REVERSED: "no"}
 TITLES = {
     UPTAKE: "Cells that eat",
-    "race": "A race to one egg",
+    RACE: "A race to one egg",
     SHEAR: "An egg in shear",
     FILM: "Dense films",
 }
@@ -64,7 +64,7 @@ def _opening(plan: CrowdPlan) -> str:
         command += f" --seeds {plan.n_seeds}"
     versions = ", ".join(f"{name} {version}" for name, version in provenance.versions().items())
     how = (
-        "The policies are the shipped ones, one of each training: the spread over seeds is not in the intervals"
+        "The policies are the shipped ones: the spread over training seeds is not in the intervals"
         if plan.quick
         else f"Every policy was trained with {plan.n_seeds} independent seeds"
     )
@@ -73,11 +73,12 @@ def _opening(plan: CrowdPlan) -> str:
 
 Printed by `{command}`; to be changed by running it again, not by hand.
 
-{how}.{changed} Test seed {plan.seed}; nothing was chosen by its worlds. Intervals are 95%, over training seeds
-and test units, which are crossed: every seed is tested in the same ones. The cells of a world that they share
-are not independent, so units are worlds, in a race turns of worlds; in shear, where nobody meets, cells.
-Verdicts are by the interval alone, and by criteria that were stated before: *yes* where the whole interval
-satisfies it, *no* where the whole interval does not, else *not shown*.
+{how}.{changed} Test seed {plan.seed}; nothing was chosen by its worlds.
+Intervals are 95%, over training seeds and test units, which are crossed: every seed is tested in the same
+ones. The cells of a world that they share are not independent, so units are worlds, in a race turns of
+worlds; in shear, where nobody meets, cells. Verdicts are by the interval alone, and by criteria that were
+stated before: *yes* where the whole interval satisfies it, *no* where the whole interval does not, else *not
+shown*.
 
 {versions}; commit {provenance.commit() or "unknown"}.
 """
@@ -106,14 +107,13 @@ def _experiment(found: CrowdFindings, experiment: str) -> str:
             "at": row["at"],
             "policy": look(row["policy"]).label,
             **{
-                heading: f"{number(row[name])} ({interval_of((row[f'{name}, low'], row[f'{name}, high']))})"
+                name: f"{number(row[name])} ({interval_of((row[f'{name}, low'], row[f'{name}, high']))})"
                 for name in measures
-                for heading in [name]
             },
         }
         for row in rows(found, experiment)
     ]
-    about = {UPTAKE: _eating, "race": _racing, SHEAR: _shear, FILM: _film}[experiment](found)
+    about = {UPTAKE: _eating, RACE: _racing, SHEAR: _shear, FILM: _film}[experiment](found)
     return f"""## {TITLES[experiment]}
 
 {about}
@@ -126,32 +126,38 @@ def _experiment(found: CrowdFindings, experiment: str) -> str:
 
 
 def _eating(found: CrowdFindings) -> str:
-    world = found.plan.world("crowd_uptake")
-    assert world.medium is not None
+    world = found.plan.world(CROWD)
+    medium = world.medium
+    assert medium is not None
     worlds = ", ".join(f"{worlds} of {cells}" for cells, worlds in found.plan.crowds)
     limit = NOTHING if found.limit is None else f"{found.limit:.2f}"
-    return f"""Cells climb c = y + 20, of which each clears {world.medium.uptake:g} per time, and which spreads with
-{world.medium.diffusivity:g}; lives of {world.life:g}. They start in 10 × 10 in a film of thickness 1 that goes on for ever to both
-sides: a torus 10 wide and 30 high. The height is that of the end over that of the start; the gain is less, because
-others have eaten at the end what was there at the start. Worlds: {worlds}. No limit is known where cells eat; the
-limit of a cell alone, in the same lives where nobody eats, is {limit}."""
+    return f"""Cells climb c = y + 20. Each clears {medium.uptake:g} of it per time, and it spreads with the
+diffusivity {medium.diffusivity:g}. Lives last {world.life:g}. Cells start in 10 × 10, in a film of
+thickness 1 that goes on for ever to both sides: a torus, 10 wide and 30 high. The height is that of the end
+over that of the start; the gain is less where others have eaten, at the end, what was there at the start.
+Worlds: {worlds}.
+
+No limit is known where cells eat. The limit of a cell alone, in the same lives where nobody eats, is
+{limit}."""
 
 
 def _racing(found: CrowdFindings) -> str:
-    settings = found.plan.settings(found.plan.recipes[0], "race")
-    return f"""{settings.evaluation.cells} cells start in 6 × 6 beside an egg, on average nine lengths away, and the first one closes it. Starts
-rotate, so that every policy has every start. {found.plan.races} worlds for each share."""
+    cells = found.plan.settings(found.plan.recipes[0], RACE).evaluation.cells
+    return f"""{cells} cells start in 6 × 6 beside an egg, on average nine lengths away, and the first to
+arrive closes it. Starts rotate, so that every policy has every start. Worlds for each share:
+{found.plan.races}."""
 
 
 def _shear(found: CrowdFindings) -> str:
     (left, right), (low, high) = found.plan.shear_box
-    world = found.plan.world(SHEAR)
-    best = {kind: _best(found, kind) for kind in found.evidence.found[f"{SHEAR}_best"]}
-    chosen = ", ".join(f"{value} for {look(kind).label}" for kind, value in best.items())
-    return f"""An egg releases steadily in two dimensions, and had begun {getattr(world.field, "age", 0.0):g} before. Cells start anywhere in
-[{left:g}, {right:g}] × [{low:g}, {high:g}], {found.plan.shear_cells} of them, do not meet, and live for {world.life:g}. They count molecules
-({world.binding_rate:g} per concentration and time), so that far from the egg they know little. The shear rate at which most arrive is
-chosen among other cells than those it is then tested with: {chosen}."""
+    world, age = found.plan.world(SHEAR), getattr(found.plan.world(SHEAR).field, "age", 0.0)
+    kinds = found.evidence.found[f"{SHEAR}_best"]
+    chosen = ", ".join(f"{_best(found, kind)} for {look(kind).label}" for kind in kinds)
+    return f"""An egg releases steadily, in two dimensions, and began {age:g} before.
+{found.plan.shear_cells} cells start anywhere in [{left:g}, {right:g}] × [{low:g}, {high:g}], do not meet,
+and live for {world.life:g}. They count molecules, {world.binding_rate:g} per concentration and time, so that
+far from the egg they know little. The shear rate at which most arrive is chosen among other cells than those
+it is then tested with: {chosen}."""
 
 
 def _best(found: CrowdFindings, kind: str) -> str:
@@ -172,9 +178,11 @@ def _film(found: CrowdFindings) -> str:
                 less = estimate(values(sample), values(neither))
                 row[panel.measure] = f"{number(less.value, '+')} ({interval_of(less.interval)})"
             rivals.append(row)
-    return f"""{plan.film_cells} cells start in a drop of 60 per unit area, {plan.films} drops, lives of {world.life:g}; nothing holds the drop
-together, and it spreads. Interactions: {"; ".join(str(each) for each in world.interactions)}. Polar order is the length of the
-mean heading; it and the distance of the nearest neighbour are means over the later half. What interactions change:
+    told = "; ".join(f"`{each}`" for each in world.interactions)
+    return f"""{plan.film_cells} cells start in a drop of 60 per unit area, {plan.films} drops; lives last
+{world.life:g}. Nothing holds a drop together, and it spreads. Interactions: {told}.
+Polar order is the length of the mean heading; it and the distance of the nearest neighbour are means over the
+later half. What interactions change:
 
 {Table.of(rivals).as_markdown()}"""
 

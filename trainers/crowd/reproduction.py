@@ -1,7 +1,8 @@
 """The experiments on crowds: training, measuring, judging and writing, in this order.
 
-Trainings are run folders in OUT/runs, as the paper's are; what is measured at a point is kept in OUT/measured.
-Both are used again by a run that goes on. Every other file is written again at the end, each whole.
+Trainings are run folders in OUT/runs, as the paper's are; what is measured at a point is kept in
+OUT/measured. Both are used again by a run that goes on. Every other file is written again at the end, each
+whole.
 """
 
 import dataclasses

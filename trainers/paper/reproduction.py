@@ -18,7 +18,7 @@ from swarm._support.tables import Table
 from trainers.jobs.executors import Task
 from trainers.paper import report, stacks, tables, zoo
 from trainers.paper.claims import Claim, all_claims
-from trainers.paper.delivery import RECORD, REPORT, Delivery, ReproductionError, do, staging
+from trainers.paper.delivery import RECORD, REPORT, ZOO, Delivery, ReproductionError, do, staging
 from trainers.paper.illustrations import FOLDER as FIGURES
 from trainers.paper.illustrations import Drawing, draw_all
 from trainers.paper.measurements import Case, Circle, Evidence, Measured, measure, swinging_circle
@@ -60,7 +60,7 @@ def reproduce(plan: Plan, out: Path, publish: Path | None = None, *, ship: bool 
         write(staged, found, draw(found, recipes, staged))
         for folder in folders[1:]:
             DELIVERY.put_in_place(staged, folder)
-        zoo.keep(staged / zoo.FOLDER, found)
+        zoo.keep(staged / ZOO, found)
         DELIVERY.put_in_place(staged, out)
     if ship:
         print(f"shipped in {zoo.SHIPPED}: {', '.join(zoo.ship(out))}")

@@ -15,7 +15,7 @@ from swarm._support import files
 from swarm.policies.network import Network, save_policy
 from swarm.population.results import RIVAL
 from swarm.population.statistics import fraction_of_limit
-from trainers.paper.delivery import ZOO as FOLDER
+from trainers.paper.delivery import ZOO
 from trainers.paper.measurements import DEVISED, Case, Evidence, Stack
 from trainers.paper.stacks import TrainingCurve
 from trainers.paper.tables import Findings
@@ -79,7 +79,7 @@ def _tested(stack: Stack, case: Case, evidence: Evidence) -> dict[str, Any]:
 def ship(out: Path, zoo: Path = SHIPPED) -> list[str]:
     """Copy what the reproduction in `out` keeps to be shipped; returns names. Raises OSError."""
     zoo.mkdir(parents=True, exist_ok=True)
-    kept = sorted((out / FOLDER).glob("*"))
+    kept = sorted((out / ZOO).glob("*"))
     for file in kept:
         files.write_bytes(zoo / file.name, file.read_bytes())
     return sorted({file.stem for file in kept})
