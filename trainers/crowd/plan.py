@@ -23,16 +23,24 @@ UPTAKE, RACE, SHEAR, FILM = "uptake", "race", "shear", "film"
 ALONE, CROWD = "linear_n4", "crowd_uptake"
 TRAININGS = {  # and the words that choose their settings
     ALONE: ("experiment=linear_n4",),
-    "crowd_uptake_wake": ("experiment=crowd_uptake", "learning.n_worlds=40", "validation.cells=1"),
+    "crowd_uptake_wake": (
+        "experiment=crowd_uptake",
+        "learning={n_swimmers: 1, n_worlds: 40}",
+        "validation.cells=1",
+    ),
     CROWD: ("experiment=crowd_uptake",),
     "crowd_uptake_160": ("experiment=crowd_uptake", "learning.n_swimmers=160", "validation.cells=160"),
     "crowd_uptake_ppo": ("experiment=crowd_uptake", "algorithm=ppo", "learning.critic=central"),
     RACE: ("experiment=race",),
-    "race_arrival": ("experiment=race", "world.reward=arrival", "learning.discount=0.995"),
+    # who never wins is paid nothing, so all begin near the egg, and it lets five in
+    "race_arrival": (
+        "experiment=race",
+        "world={reward: arrival, first_arrivals: 5, life: 60.0, start_box: [[1.5, 6.0], [-2.0, 2.0]]}",
+        "learning={n_worlds: 16, epochs: 60, n_steps: 10, keep: last}",
+        "validation={life: 60.0, every: 20}",
+    ),
     SHEAR: ("experiment=shear",),
 }
-TRAININGS["crowd_uptake_wake"] += ("learning.n_swimmers=1",)
-TRAININGS["race_arrival"] += ("learning.n_worlds=8",)
 TESTED = {  # in each experiment: what figures call a policy, and what it was trained on
     UPTAKE: {
         "alone": ALONE,
