@@ -16,7 +16,7 @@ from trainers.paper import zoo
 from trainers.paper.delivery import ReproductionError
 
 WORDS = ("world.life=4.0", "learning.epochs=2", "learning.batch_size=16", "validation.life=4.0")
-WORDS += ("evaluation.life=4.0", "validation.cells=2", "learning.n_worlds=1")
+WORDS += ("evaluation.life=4.0", "validation.cells=5", "learning.n_worlds=1")
 TINY = CrowdPlan(
     n_seeds=2,
     words=(*WORDS, "compile=never"),
