@@ -220,6 +220,7 @@ class Sweep(NamedTuple):
     quantity: str
     marks: Mapping[float, str] = {}  # levels that are called by name
     logarithmic: bool = False
+    joined: bool = True  # by lines; levels that are but names stand side by side
     chance: Mapping[str, tuple[float, float]] = {}  # straight lines to compare with, by name, and their ends
 
 
@@ -241,11 +242,12 @@ def sweeps(panels: Sequence[Sweep]) -> Figure:
 
 def _sweep_panel(axes: Axes, panel: Sweep) -> None:
     levels = np.asarray(panel.levels, float)
-    for name, numbers in panel.found.items():
+    for place, (name, numbers) in enumerate(panel.found.items()):
         look, (mean, *band) = style.look(name), np.asarray(numbers, float).T
         reach = np.nan_to_num(np.abs(np.array(band) - mean))
-        line = {"color": look.colour, "linestyle": look.line, "label": look.label}
-        axes.errorbar(levels, mean, reach, capsize=3, marker=look.marker, ms=3.5, **line)
+        line = {"color": look.colour, "linestyle": look.line if panel.joined else "", "label": look.label}
+        beside = 0.0 if panel.joined else 0.12 * (place - (len(panel.found) - 1) / 2)
+        axes.errorbar(levels + beside, mean, reach, capsize=3, marker=look.marker, ms=3.5, **line)
     for name, ends in panel.chance.items():
         axes.plot(levels[[0, -1]], ends, color=style.INK, linestyle=(0, (1, 2)), label=name, zorder=1)
     if panel.logarithmic:

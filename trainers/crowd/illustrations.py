@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from swarm import figures
-from trainers.crowd.measurements import MEASURES, CrowdEvidence, Sample
+from trainers.crowd.measurements import CrowdEvidence, Sample, level
 from trainers.crowd.plan import FILM, RACE, SHEAR, UPTAKE, VARIANTS, CrowdPlan
-from trainers.paper.claims import estimate
 
 FOLDER = "figures"
 CAPTIONS = {
@@ -88,12 +87,13 @@ def _sweeps(plan: CrowdPlan, evidence: CrowdEvidence, experiment: str) -> Iterat
             panel.label,
             panel.quantity,
             marks,
-            experiment == UPTAKE,
-            chance,
+            logarithmic=experiment == UPTAKE,
+            joined=experiment != FILM,
+            chance=chance,
         )
 
 
 def _numbers(sample: Sample, measure: str) -> tuple[float, float, float]:
     """The mean and its interval."""
-    found = estimate(MEASURES[measure].values(sample))
+    found = level(sample, measure)
     return (found.value, *(found.interval or (np.nan, np.nan)))

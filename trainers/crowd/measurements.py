@@ -22,7 +22,7 @@ from swarm.population.contests import contest
 from swarm.population.results import RIVAL
 from swarm.population.rollout import rollout
 from trainers.crowd.plan import FILM, RACE, SHEAR, UPTAKE, Point
-from trainers.paper.claims import Measure
+from trainers.paper.claims import Estimate, Measure, estimate
 
 LATER = 0.5  # part of a film's decisions after which order is measured
 
@@ -37,14 +37,17 @@ class Sample(NamedTuple):
 MEASURES = {
     "height": Measure(lambda sample: sample.numbers["height"], "length"),
     "gain": Measure(lambda sample: sample.numbers["gain"], "concentration"),
-    "share of wins": Measure(lambda sample: sample.numbers["won"], "of the wins"),
-    "more wins than cells": Measure(
-        lambda sample: sample.numbers["won"] - sample.numbers["crowd"], "of the wins"
-    ),
-    "part that arrives": Measure(lambda sample: sample.numbers["arrived"], "of the cells"),
+    "share of wins": Measure(lambda sample: sample.numbers["won"], "of the wins", part=True),
+    "part that arrives": Measure(lambda sample: sample.numbers["arrived"], "of the cells", part=True),
     "polar order": Measure(lambda sample: sample.numbers["polar"], ""),
     "nearest neighbour": Measure(lambda sample: sample.numbers["nearest"], "length"),
 }
+
+
+def level(sample: Sample, measure: str) -> Estimate:
+    """A measure of one sample, and its interval."""
+    found = MEASURES[measure]
+    return estimate(found.values(sample), part=found.part)
 
 
 class CrowdEvidence(NamedTuple):
@@ -96,8 +99,7 @@ def _racing(point: Point, policy: AnyPolicy) -> dict[str, np.ndarray]:
     of_turn = np.arange(turn[-1] + 1)[:, None] == turn
     wins = of_turn @ winner.sum(axis=-1)
     mine = of_turn @ (winner & (raced["steered_by"].values == 0)).sum(axis=-1)
-    crowd = np.full(len(wins), float(raced["crowd"][0]))
-    return {"won": np.where(wins > 0, mine / np.maximum(wins, 1), crowd), "crowd": crowd}
+    return {"won": np.where(wins > 0, mine / np.maximum(wins, 1), share)}
 
 
 def _searching(point: Point, policy: AnyPolicy) -> dict[str, np.ndarray]:

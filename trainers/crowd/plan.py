@@ -71,7 +71,7 @@ class CrowdPlan(TrainingPlan):
     # cells of a world that eat, and how many such worlds
     crowds: tuple[tuple[int, int], ...] = ((1, 40), (10, 16), (40, 10), (160, 6), (640, 5))
     shares: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the learnt in a race
-    races: int = 200  # worlds for each share
+    races: int = 400  # worlds for each share: at 0.1 they are 40 turns
     shear_rates: tuple[float, ...] = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)  # γ [1 / time]
     shear_cells: int = 1000
     # cells in shear start anywhere in a stretch of water that is long beside what the egg has released

@@ -1,5 +1,6 @@
 """The report on crowds in words: verdicts, tables and figures, every number of which was just measured."""
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -7,7 +8,7 @@ from swarm._support import provenance
 from swarm._support.tables import NOTHING, Table
 from swarm.figures.style import look
 from trainers.crowd.illustrations import CAPTIONS, FOLDER, PANELS, places
-from trainers.crowd.measurements import MEASURES, CrowdEvidence
+from trainers.crowd.measurements import MEASURES, CrowdEvidence, level
 from trainers.crowd.plan import CROWD, FILM, RACE, SHEAR, UPTAKE, VARIANTS, CrowdPlan
 from trainers.paper.claims import NOT_REPRODUCED, REPRODUCED, REVERSED, Claim, estimate
 from trainers.paper.report import interval_of, number
@@ -40,7 +41,7 @@ def rows(found: CrowdFindings, experiment: str) -> Iterator[dict[str, Any]]:
             row: dict[str, Any] = {"experiment": experiment, "at": name.partition("_")[2], "policy": kind}
             row |= {"seeds": len(sample.seeds) or None, "units": next(iter(sample.numbers.values())).shape[1]}
             for panel in PANELS[experiment]:
-                numbers = estimate(MEASURES[panel.measure].values(sample))
+                numbers = level(sample, panel.measure)
                 low, high = numbers.interval or (None, None)
                 row |= {
                     panel.measure: numbers.value,
@@ -179,10 +180,11 @@ def _film(found: CrowdFindings) -> str:
                 row[panel.measure] = f"{number(less.value, '+')} ({interval_of(less.interval)})"
             rivals.append(row)
     told = "; ".join(f"`{each}`" for each in world.interactions)
+    chance = math.sqrt(math.pi / plan.film_cells) / 2  # the mean of a random walk's end over its steps
     return f"""{plan.film_cells} cells start in a drop of 60 per unit area, {plan.films} drops; lives last
 {world.life:g}. Nothing holds a drop together, and it spreads. Interactions: {told}.
-Polar order is the length of the mean heading; it and the distance of the nearest neighbour are means over the
-later half. What interactions change:
+Polar order is the length of the mean heading, which of headings without order would be {chance:.3f}; it and
+the distance of the nearest neighbour are means over the later half. What interactions change:
 
 {Table.of(rivals).as_markdown()}"""
 

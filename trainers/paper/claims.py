@@ -39,11 +39,13 @@ class Estimate(NamedTuple):
     highest: float
 
 
-def estimate(*samples: np.ndarray, combine: Callable[..., Any] = difference) -> Estimate:
+def estimate(
+    *samples: np.ndarray, combine: Callable[..., Any] = difference, part: bool | None = None
+) -> Estimate:
     """`combine` of the samples' means; samples are (seeds, cells), all of the same cells.
 
-    The interval of what is not linear follows from its slopes. That of a part of the cells (bool) keeps
-    within 0 and 1, and is Clopper's and Pearson's for cells that all agree.
+    The interval of what is not linear follows from its slopes. That of a `part` of the cells, by default
+    where samples are bool, keeps within 0 and 1, and is Clopper's and Pearson's for cells that all agree.
     """
     means = [float(sample.mean()) for sample in samples]
     step = 1e-20j  # in the imaginary direction, which is exact
@@ -54,7 +56,7 @@ def estimate(*samples: np.ndarray, combine: Callable[..., Any] = difference) -> 
     value = float(combine(*means))
     half = margin(*samples, weights=slopes)
     interval = None if half is None else (value - float(half), value + float(half))
-    if interval and samples[0].dtype == bool:
+    if interval and (samples[0].dtype == bool if part is None else part):
         all_agree = ((1 - LEVEL) / 2) ** (1 / samples[0].shape[1])
         low, high = {1.0: (all_agree, 1.0), 0.0: (0.0, 1 - all_agree)}.get(value, interval)
         interval = max(low, 0.0), min(high, 1.0)
@@ -72,6 +74,7 @@ class Measure(NamedTuple):
     values: Callable[[Any], np.ndarray]  # of Lives, a Circle or TrainingGains: (seeds, cells)
     unit: str
     combine: Callable[..., Any] = difference  # of the samples' means
+    part: bool | None = None  # whether each is a part of a whole, see `estimate`
 
 
 def _spread(lives: Lives) -> np.ndarray:
@@ -219,7 +222,8 @@ def judged(statement: Statement, evidence: Samples, recipe: str) -> Claim | None
     if len(samples) < len(found):
         return None
     seeds = next((each.seeds for each in found if each is not None and each.seeds), ())
-    number = estimate(*samples, combine=statement.measure.combine)
+    part = statement.measure.part if len(samples) == 1 else None
+    number = estimate(*samples, combine=statement.measure.combine, part=part)
     means = [sample.mean(axis=1).tolist() for sample in samples]
     several = len(samples) == 1 < len(seeds)
     return Claim(
