@@ -14,6 +14,7 @@ from trainers.crowd.plan import SHIPPED, TRAININGS, CrowdPlan
 from trainers.crowd.reproduction import reproduce
 from trainers.paper import zoo
 from trainers.paper.delivery import ReproductionError
+from trainers.training import run as running
 
 WORDS = ("world.life=4.0", "learning.epochs=2", "learning.batch_size=16", "validation.life=4.0")
 WORDS += ("evaluation.life=4.0", "validation.cells=5", "learning.n_worlds=1")
@@ -22,6 +23,7 @@ TINY = CrowdPlan(
     words=(*WORDS, "compile=never"),
     workers=0,
     crowds=((1, 3), (40, 2)),
+    finely=((40, 1),),
     shares=(0.1, 0.5),
     races=10,
     shear_rates=(0.0, 0.08),
@@ -35,7 +37,9 @@ TINY = CrowdPlan(
 def done(tmp_path_factory):
     """The folder of the whole, a copy without the runs, and the verdicts."""
     folder = tmp_path_factory.mktemp("crowds")
-    found = reproduce(TINY, folder / "out", folder / "published")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(running, "draw", lambda training, run: None)  # of each training
+        found = reproduce(TINY, folder / "out", folder / "published")
     return SimpleNamespace(out=folder / "out", published=folder / "published", claims=found)
 
 

@@ -21,7 +21,7 @@ from swarm.population.contest import lives
 from swarm.population.contests import contest
 from swarm.population.results import RIVAL
 from swarm.population.rollout import rollout
-from trainers.crowd.plan import FILM, RACE, SHEAR, UPTAKE, Point
+from trainers.crowd.plan import FILM, FINE, RACE, SHEAR, UPTAKE, Point
 from trainers.paper.claims import Estimate, Measure, estimate
 
 LATER = 0.5  # part of a film's decisions after which order is measured
@@ -126,7 +126,7 @@ def _crowding(point: Point, policy: AnyPolicy) -> dict[str, np.ndarray]:
     return dict(zip(("gain", "polar", "nearest"), (outcome.gain.mean(axis=-1), *means), strict=True))
 
 
-_MEASURED = {UPTAKE: _eating, RACE: _racing, SHEAR: _searching, FILM: _crowding}
+_MEASURED = {UPTAKE: _eating, FINE: _eating, RACE: _racing, SHEAR: _searching, FILM: _crowding}
 
 
 # --- what was measured before ------------------------------------------------------------------------------

@@ -17,9 +17,8 @@ from swarm.physics.flows import ShearFlow, StillWater
 from swarm.physics.world import World
 from trainers.paper.measurements import Stack
 from trainers.paper.plan import TrainingPlan
-from trainers.settings.composition import settings_from
 
-UPTAKE, RACE, SHEAR, FILM = "uptake", "race", "shear", "film"
+UPTAKE, FINE, RACE, SHEAR, FILM = "uptake", "fine", "race", "shear", "film"
 ALONE, CROWD = "linear_n4", "crowd_uptake"
 TRAININGS = {  # and the words that choose their settings
     ALONE: ("experiment=linear_n4",),
@@ -49,6 +48,7 @@ TESTED = {  # in each experiment: what figures call a policy, and what it was tr
         "crowd_160": "crowd_uptake_160",
         "crowd_ppo": "crowd_uptake_ppo",
     },
+    FINE: {"wake": "crowd_uptake_wake", "crowd": CROWD},
     RACE: {"own": RACE, "arrival": "race_arrival"},
     SHEAR: {"learnt": SHEAR},
     FILM: {"alone": ALONE},
@@ -70,6 +70,7 @@ class CrowdPlan(TrainingPlan):
     experiments: tuple[str, ...] = tuple(TRAININGS)
     # cells of a world that eat, and how many such worlds
     crowds: tuple[tuple[int, int], ...] = ((1, 40), (10, 16), (40, 10), (160, 6), (640, 5))
+    finely: tuple[tuple[int, int], ...] = ((40, 10),)  # of them, those that also live on a finer mesh
     shares: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the learnt in a race
     races: int = 400  # worlds for each share: at 0.1 they are 40 turns
     shear_rates: tuple[float, ...] = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)  # γ [1 / time]
@@ -81,16 +82,12 @@ class CrowdPlan(TrainingPlan):
     seed: int = 200  # of the test populations
 
     def chosen(self, experiment: str) -> tuple[str, ...]:
-        """The words that choose a training's settings."""
-        return TRAININGS[experiment]
+        """The words that choose the settings of a training, or of the film, in which nobody is trained."""
+        return TRAININGS.get(experiment) or super().chosen(experiment)
 
     def world(self, experiment: str) -> World:
         """The world of a test, with its life, as an experiment's file says."""
         return self.settings(self.recipes[0], experiment).test_world()
-
-    def film(self) -> World:
-        """The world of the film."""
-        return settings_from(("experiment=film", *self.words)).test_world()
 
 
 class Point(NamedTuple):
@@ -121,8 +118,10 @@ def points(plan: CrowdPlan, trained: Mapping[str, Stack]) -> list[Point]:
     def at(experiment: str, value: object, world: World, cells: int, worlds: int) -> Point:
         return Point(experiment, str(value), world, cells, worlds, plan.seed, tested(experiment))
 
-    eating, racing, film = plan.world(CROWD), plan.world(RACE), plan.film()
+    eating, racing, film = plan.world(CROWD), plan.world(RACE), plan.world(FILM)
     found = [at(UPTAKE, cells, eating, cells, worlds) for cells, worlds in plan.crowds]
+    if tested(FINE):
+        found += [at(FINE, cells, finer(eating), cells, worlds) for cells, worlds in plan.finely]
     if tested(RACE):
         cells = plan.settings(plan.recipes[0], RACE).evaluation.cells
         found += [at(RACE, share, racing, cells, plan.races) for share in plan.shares]
@@ -133,6 +132,14 @@ def points(plan: CrowdPlan, trained: Mapping[str, Stack]) -> list[Point]:
         world = film.replace(interactions=tuple(film.interactions[i] for i in chosen))
         found.append(at(FILM, name, world, plan.film_cells, plan.films))
     return found
+
+
+def finer(world: World) -> World:
+    """The same world with meshes of half the width."""
+    medium = world.medium
+    assert medium is not None
+    nx, ny = medium.shape
+    return world.replace(medium=dataclasses.replace(medium, shape=(2 * nx, 2 * ny)))
 
 
 def sheared(plan: CrowdPlan) -> Iterator[tuple[float, World]]:

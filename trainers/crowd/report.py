@@ -168,7 +168,7 @@ def _best(found: CrowdFindings, kind: str) -> str:
 
 
 def _film(found: CrowdFindings) -> str:
-    plan, world = found.plan, found.plan.film()
+    plan, world = found.plan, found.plan.world(FILM)
     rivals = []
     for variant in list(VARIANTS)[1:]:
         for kind, sample in found.evidence.found[f"{FILM}_{variant}"].items():

@@ -17,7 +17,7 @@ from swarm.optimal.physical_limit import limit
 from swarm.physics.starts import draw_starts
 from trainers.crowd import illustrations, report
 from trainers.crowd.measurements import MEASURES, CrowdEvidence, kept, with_best
-from trainers.crowd.plan import CROWD, SHIPPED, CrowdPlan, Point, points
+from trainers.crowd.plan import CROWD, FILM, FINE, RACE, SHEAR, SHIPPED, UPTAKE, CrowdPlan, Point, points
 from trainers.crowd.report import VERDICTS, CrowdFindings
 from trainers.jobs.executors import Task
 from trainers.paper import stacks, zoo
@@ -83,8 +83,14 @@ def find(plan: CrowdPlan, trained: dict[str, Stack], folder: Path) -> CrowdFindi
 def work(point: Point) -> float:
     """Roughly in their ratio points take their time."""
     policies = 1 + sum(len(stack.policies) for stack in point.stacks)
-    cost = {"uptake": 0.5 + 0.005 * point.cells, "race": 0.02, "shear": 0.012 * point.cells, "film": 300.0}
-    return policies * point.world.max_decisions * point.worlds * cost[point.experiment]
+    decision = {  # [ms]
+        UPTAKE: 0.5 + 0.005 * point.cells,
+        FINE: 4.0,
+        RACE: 0.01,
+        SHEAR: 0.012 * point.cells,
+        FILM: 300.0,
+    }
+    return policies * point.world.max_decisions * point.worlds * decision[point.experiment]
 
 
 def minutes(planned: Sequence[Training]) -> dict[str, float]:
