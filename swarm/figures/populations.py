@@ -245,7 +245,8 @@ def _sweep_panel(axes: Axes, panel: Sweep) -> None:
     for place, (name, numbers) in enumerate(panel.found.items()):
         look, (mean, *band) = style.look(name), np.asarray(numbers, float).T
         reach = np.nan_to_num(np.abs(np.array(band) - mean))
-        line = {"color": look.colour, "linestyle": look.line if panel.joined else "", "label": look.label}
+        line: dict[str, Any] = {"color": look.colour, "label": look.label}
+        line["linestyle"] = look.line if panel.joined else ""
         beside = 0.0 if panel.joined else 0.12 * (place - (len(panel.found) - 1) / 2)
         axes.errorbar(levels + beside, mean, reach, capsize=3, marker=look.marker, ms=3.5, **line)
     for name, ends in panel.chance.items():
