@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -75,6 +76,14 @@ def test_policies_to_be_shipped_tell_of_their_tests(done, tmp_path, monkeypatch)
         assert (card["test"]["test"], card["seeds"]) == (where, [0, 1])
     with pytest.raises(ReproductionError, match="--ship must come with policies that are trained"):
         reproduce(CrowdPlan(quick=True), tmp_path / "quick", ship=True)
+
+
+def test_quick_tests_the_shipped_policies(tmp_path):
+    found = reproduce(replace(TINY, quick=True, crowds=((40, 1),), films=1), tmp_path)
+    assert not (tmp_path / "runs").exists()
+    assert {len(claim.seeds) for claim in found if claim.seeds} == {1}
+    assert {"race_own_0.5", "shear_learnt_over_greedy_0.08"} <= {claim.id for claim in found}
+    assert "shipped" in (tmp_path / "report.md").read_text()
 
 
 def test_the_best_shear_rate_is_chosen_among_other_cells():
