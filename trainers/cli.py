@@ -248,6 +248,8 @@ def watch(
     cells: Cells = None,
     life: Life = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the starts; default: 0.")] = None,
+    against: Annotated[str | None, Against] = None,
+    share: Annotated[float | None, Share] = None,
     out: Annotated[Path | None, Picture] = None,
     size: Annotated[int | None, Size] = None,
 ) -> None:
@@ -259,6 +261,7 @@ def watch(
 
     if Path(policy).suffix.lower() == watching.POPULATION:
         given = {"--experiment": experiment, "--life": life, "--seed": seed, "--size": size}
+        given |= {"--against": against, "--share": share}
         for option, value in given.items():
             if value is not None:
                 raise ValueError(f"{option} must be left out, {policy} holds lives as they were: got {value}")
@@ -268,6 +271,7 @@ def watch(
         watching.check_target(out, size)
         world = settings_of(policy, experiment).test_world().replace(life=80.0 if life is None else life)
         shown: dict[str, Any] = {"cells": 40 if cells is None else cells, "seed": seed or 0}
+        shown |= {"against": against, "share": share}
         with Progress("drawing") as bar:
             watching.watch(policy, world, out=out, size=size, progress=bar.show, **shown)
     if out is not None:

@@ -104,6 +104,7 @@ def compiling(array: Array) -> bool:
     return torch.compiler.is_compiling()
 
 
+SMALL = 4096  # numbers up to which NumPy calls are quicker than torch's
 _OUTSIDE: list[Callable[..., Array]] = []  # functions that are called from compiled code as they are
 
 
@@ -116,14 +117,26 @@ def outside(function: Callable[..., Array]) -> int:
 
 def call_outside(number: int, shape: tuple[int, ...], like: Array, *arrays: Array) -> Array:
     """What the function of that `number` returns of the arrays: an array of a shape, with the dtype of
-    `like`. While torch compiles, the call alone is compiled.
+    `like`. While torch compiles, the call alone is compiled; jax calls back to NumPy.
     """
+    if type(like).__module__.startswith("jax"):
+        return _called_by_jax(number, shape, like, *arrays)
     if not compiling(like):
         return _OUTSIDE[number](*arrays)
     import torch
 
     found: Array = torch.ops.chemoswarm.call_outside(number, list(shape), like, list(arrays))
     return found
+
+
+def _called_by_jax(number: int, shape: tuple[int, ...], like: Array, *arrays: Array) -> Array:
+    import jax
+
+    def call(*given: Array) -> np.ndarray:
+        return np.asarray(_OUTSIDE[number](*map(np.asarray, given)), like.dtype)
+
+    wanted = jax.ShapeDtypeStruct(shape, like.dtype)
+    return jax.pure_callback(call, wanted, *arrays, vmap_method="sequential")
 
 
 @functools.cache
@@ -133,7 +146,9 @@ def _declare_outside() -> None:
     from torch import Tensor
 
     def call(number: int, shape: list[int], like: Tensor, arrays: list[Tensor]) -> Tensor:
-        return _OUTSIDE[number](*arrays).clone()
+        if arrays[0].device.type != "cpu" or arrays[0].numel() > SMALL:
+            return _OUTSIDE[number](*arrays).clone()
+        return torch.from_numpy(_OUTSIDE[number](*(each.numpy() for each in arrays)))  # in the same memory
 
     call.__annotations__ = {
         "number": int,

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
@@ -123,6 +123,24 @@ def look(policy: str) -> Look:
         return LOOKS[policy]
     spare = sum(policy.encode()) % len(SPARE)
     return Look(plain(policy), SPARE[spare], "-", "dXp*"[spare])
+
+
+def team_colours(names: Sequence[str]) -> list[str]:
+    """How the policies of one world are coloured: each its look's colour, or another where that is taken."""
+    found: list[str] = []
+    palette = dict.fromkeys([*SPARE, *(each.colour for each in LOOKS.values())])
+    for name in names:
+        free = [colour for colour in palette if colour not in found] or [look(name).colour]
+        found.append(look(name).colour if look(name).colour not in found else free[0])
+    return found
+
+
+def on_dark(colour: str) -> str:
+    """The colour, made lighter until it can be seen on dark water."""
+    rgb = np.array(to_rgb(colour))
+    luminance = float(rgb @ (0.2126, 0.7152, 0.0722))
+    red, green, blue = rgb + (1 - rgb) * max(0.0, (0.5 - luminance) / (1 - luminance))
+    return to_hex((red, green, blue))
 
 
 def chosen_policies(results: xr.Dataset, policies: Sequence[str] | None = None) -> list[str]:

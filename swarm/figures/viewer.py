@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from swarm.figures.scene import PANEL, SIZE, TRAIL, Camera, Glance, Scene, Segment
+from swarm.figures.scene import PANEL, SIZE, TRAIL, Camera, Glance, Scene, Segment, Teams
 from swarm.physics.world import State, World
 
 SMALLEST_VIEW = 9.0  # [length]
@@ -19,12 +19,14 @@ class Viewer:
     """Draws the swarm as it goes; `follow` every state in turn, then take a `picture`.
 
     The camera follows the cells that are alive. Colours run over all that has been in view, so a swarm that
-    climbs comes to brighter places. With `window=True` every state that is followed is shown, at `fps`
-    pictures per second (needs pygame).
+    climbs comes to brighter places. Cells of several policies are coloured by their `teams`. With
+    `window=True` every state that is followed is shown, at `fps` pictures per second (needs pygame).
     """
 
-    def __init__(self, world: World, *, window: bool = False, fps: int = 15) -> None:
-        self.world = world
+    def __init__(
+        self, world: World, *, window: bool = False, fps: int = 15, teams: Teams | None = None
+    ) -> None:
+        self.world, self.teams = world, teams
         self.window = Window(SIZE + PANEL, SIZE, fps) if window else None
         self._forget()
 
@@ -33,7 +35,7 @@ class Viewer:
         self.trail: deque[Segment] = deque(maxlen=TRAIL)
         self.curve: list[tuple[float, float, float, float]] = []  # time; mean, least and largest gain
         self.camera: Camera | None = None
-        self.scene = Scene(self.world)
+        self.scene = Scene(self.world, self.teams)
 
     def follow(self, state: State) -> None:
         """Take in the next state; cells that began a new life leave their trail behind."""
@@ -77,13 +79,18 @@ class Viewer:
     def _look(self, state: State) -> Glance:
         world = self.world
         gain = world.concentration(state) - state.start_concentration
+        race, time = world.race, np.asarray(world.time(state), float)
+        closed = race is not None and bool((race.closes(state.arrival_time) <= time.max()).all())
         return Glance(
             np.asarray(state.position, float) @ [1, 1j],
             np.asarray(world.heading_angle(state), float),
             np.asarray(world.curvature(state), float),
-            np.asarray(world.time(state), float),
+            time,
             np.asarray(gain, float),
             np.asarray(state.finished),
+            None if race is None else np.asarray(world.won(state)),
+            closed,
+            state.medium,
         )
 
     def _lengthen(self, before: Glance, now: Glance, moved: np.ndarray, begun: np.ndarray) -> None:

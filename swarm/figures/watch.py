@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swarm._support import files
 from swarm.figures.film import FORMS, check_encoder, check_size, write_film
 from swarm.figures.page import save_page
+from swarm.figures.scene import Teams
 from swarm.figures.viewer import Viewer
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
-from swarm.population.contest import population_test
-from swarm.population.evaluation import contender
-from swarm.population.results import load_population
+from swarm.policies.policy import AnyPolicy
+from swarm.population.contest import lives, population_test
+from swarm.population.contests import crowd_of
+from swarm.population.evaluation import contender, rivals
+from swarm.population.results import as_dataset, load_population
 from swarm.population.rollout import Moment, rollout
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 PAGE = ".html"
 WINDOW_FPS = 24  # pictures per second in a window
@@ -46,6 +53,8 @@ def watch(
     policy: str,
     world: World,
     *,
+    against: str | None = None,
+    share: float | None = None,
     cells: int = 40,
     seed: int = 0,
     out: Path | None = None,
@@ -54,21 +63,29 @@ def watch(
 ) -> None:
     """Show a policy in a window, or write a film (.mp4, .gif) or a page (.html), whole or not at all.
 
-    `size` is the height of a film in pixels. `progress` is called with the decisions that are done and the
-    most there can be. Raises PolicyError for a policy that cannot be had, OSError where there is no display
-    for a window.
+    `against` another the policy steers a `share` of the cells, by default half, in a race to the egg as in
+    `swarm.population.evaluation.compete`. `size` is the height of a film in pixels. `progress` is called with
+    the decisions that are done and the most there can be. Raises PolicyError for a policy that cannot be had,
+    ValueError for a `share` without a rival, OSError where there is no display for a window.
     """
     check_target(out, size)
-    _, label, player = contender(policy, world)
+    if share is not None and against is None:
+        raise ValueError(f"share must come with against, a policy to race with, got {share:g} alone")
+    teams = None
+    if against is None:
+        _, title, player = contender(policy, world)
+    else:
+        world, players, shares = rivals(policy, against, world, 0.5 if share is None else share)
+        world, player = crowd_of(world, players, shares, cells=cells)
+        title, teams = f"{policy} against {against}", Teams(player.names, player.steered_by)
     suffix = "" if out is None else out.suffix.lower()
     if out is not None and suffix == PAGE:
-        quick = not world.in_flow  # the limit in a flow takes a minute or more
-        lives = population_test(world, {label: player}, cells=cells, life=world.life, seed=seed, limit=quick)
-        save_page(lives, out, title=policy)
+        lived = _lived(world, title, player, cells, seed, teams)
+        save_page(lived, out, title=title if teams else policy, teams=teams, world=world)
         return
-    viewer = Viewer(world, window=out is None, fps=WINDOW_FPS)
-    lived = rollout(world, player, draw_starts(world, cells, seed), seed)
-    followed = _followed(viewer, lived, FORMS[suffix].frames if out else 1, progress)
+    viewer = Viewer(world, window=out is None, fps=WINDOW_FPS, teams=teams)
+    moments = rollout(world, player, draw_starts(world, cells, seed), seed)
+    followed = _followed(viewer, moments, FORMS[suffix].frames if out else 1, progress)
     try:
         if out is not None:
             with files.replacing(out) as temporary:
@@ -80,6 +97,18 @@ def watch(
                 pass
     finally:
         viewer.close()
+
+
+def _lived(
+    world: World, label: str, player: AnyPolicy, cells: int, seed: int, teams: Teams | None
+) -> xr.Dataset:
+    """The lives that a page shows: of a policy beside greedy, or of several in one world."""
+    if teams is None:
+        quick = not world.in_flow  # the limit in a flow takes a minute or more
+        return population_test(world, {label: player}, cells=cells, life=world.life, seed=seed, limit=quick)
+    starts = draw_starts(world, cells, seed)
+    lived = lives(world, player, starts, seed, name=label, population="test", record=True)
+    return as_dataset(starts, {label: lived}, {})
 
 
 def save_page_of(population: Path, out: Path | None, *, cells: int | None = None) -> None:

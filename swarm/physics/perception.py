@@ -113,7 +113,7 @@ class MemoryWithFlow(Memory):
         """Raises ValueError where the flow has nothing to normalise by."""
         if not (world.flow.speed_scale > 0 and world.flow.spin_scale > 0):
             raise ValueError(
-                "sense_flow needs a flow with speed_scale and spin_scale above 0 to normalise by, "
+                "sense_flow must go with a flow with speed_scale and spin_scale above 0 to normalise by, "
                 f"got speed_scale {world.flow.speed_scale:g} and spin_scale {world.flow.spin_scale:g}"
             )
 

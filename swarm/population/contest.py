@@ -15,6 +15,7 @@ from swarm.physics.starts import Starts, draw_worlds
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy, check_policy
 from swarm.policies.strategies import Greedy
+from swarm.population.frames import Frames
 from swarm.population.results import LIVES, RIVAL, SERIES, as_dataset, origin
 from swarm.population.rollout import Moment, rollout
 
@@ -40,7 +41,8 @@ def population_test(
 
     Per (policy, cell): gain, maximal_gain, arrived, lifetime, decisions; with `record` also per decision,
     from the start (0) on and NaN after the end: time, position, heading, curvature, centre (of curvature),
-    concentration. With several worlds, those of one episode after the other, they are per (policy, world,
+    concentration. In a race arrival_time and won are added, in a medium eaten (per decision), and `medium` at
+    up to 48 times. With several worlds, those of one episode after the other, they are per (policy, world,
     cell). Attributes: seed, life, settings of the world (JSON), versions, commit, `coupled` (1) where what
     one cell does can matter to another, and the limit where there is one and `limit` is asked for. "greedy"
     is added where it is missing. Raises ValueError for a field or flow that returns NaN.
@@ -79,7 +81,8 @@ def memory_needed(world: World, cells: int, recorded: int = 3) -> float:
     """Bytes that a test works with, roughly, and rather too few than too many; the lives under so many
     policies are recorded.
     """
-    numbers = sum(2 ** len(along) * np.dtype(dtype).itemsize for along, dtype, *_ in SERIES.values())
+    series = [each for name, each in SERIES.items() if name != "eaten" or world.medium is not None]
+    numbers = sum(2 ** len(along) * np.dtype(dtype).itemsize for along, dtype, *_ in series)
     return cells * (16.0 * world.observation_size + recorded * (world.max_decisions + 1) * numbers)
 
 
@@ -106,16 +109,18 @@ def lives(
     record: bool = False,
 ) -> dict[str, np.ndarray]:
     """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...);
-    with several worlds (worlds, cells) stands for (cells).
+    with several worlds (worlds, cells) stands for (cells); frames (frames, ...) of a medium.
     """
     cells = starts.heading.shape
-    recorded = []
+    recorded, frames = [], Frames(world, world.medium) if record and world.medium is not None else None
     arrived = np.zeros(cells, bool)
     decisions = np.zeros(cells, np.int32)
     gain = maximal = np.zeros(cells)
     for moment in rollout(world, policy, starts, seed, population=population, episode=episode):
         if record:
             recorded.append(_series(world, moment))
+        if frames is not None:
+            frames.take(moment.state)
         if moment.outcome is not None:
             gain = np.where(moment.alive, moment.outcome.gain, gain)  # others may eat where a cell has died
             arrived |= moment.outcome.terminated & moment.alive
@@ -127,9 +132,12 @@ def lives(
             f"gains must be finite, got {gain[place]} for cell {cell} under {name!r}: "
             "check what the field and the flow return"
         )
-    values = (gain, maximal, arrived, world.time(moment.state), decisions)
-    series = {name: np.stack([row[name] for row in recorded], axis=len(cells)) for name in SERIES if recorded}
-    return dict(zip(LIVES, values, strict=True)) | series
+    values = [gain, maximal, arrived, world.time(moment.state), decisions]
+    if world.race is not None:
+        values += [moment.state.arrival_time, world.won(moment.state)]
+    names = recorded[0] if recorded else ()
+    series = {name: np.stack([row[name] for row in recorded], axis=len(cells)) for name in names}
+    return dict(zip(LIVES, values, strict=False)) | series | ({} if frames is None else frames.series())
 
 
 def _series(world: World, moment: Moment) -> dict[str, np.ndarray]:
@@ -143,9 +151,9 @@ def _series(world: World, moment: Moment) -> dict[str, np.ndarray]:
         "centre": centre_of_curvature(state.pose, curvature),
         "concentration": world.concentration(state),
     }
-    row: dict[str, np.ndarray] = {
-        name: np.array(values[name], dtype) for name, (_, dtype, _, _) in SERIES.items()
-    }
+    if state.medium is not None:
+        values["eaten"] = state.medium.eaten
+    row: dict[str, np.ndarray] = {name: np.array(value, SERIES[name][1]) for name, value in values.items()}
     for column in row.values():
         column[~moment.alive] = np.nan
     return row

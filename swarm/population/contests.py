@@ -11,6 +11,7 @@ are over turns.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -53,25 +54,38 @@ def contest(
 
     Per policy: `won`, its share of all wins; `won_interval` (policy, bound), 95%, over turns; `crowd`, its
     share of the cells. Per (world, cell): `steered_by`, the policy's number; `winner`, `arrival_time`
-    (infinite for who never came), `gain`. Per world: `turn`. Raises TypeError or ValueError that names the
-    rule: without a race, for shares that leave a policy without a cell, for worlds that are no whole turns,
-    for a policy that does not fit the world or whose sensor the world cannot serve.
+    (infinite for who never came), `gain` and in a medium `eaten`. Per world: `turn`. Raises TypeError or
+    ValueError that names the rule: without a race, for shares that leave a policy without a cell, for worlds
+    that are no whole turns, for a policy that does not fit the world or whose sensor the world cannot serve.
     """
     if world.first_arrivals is None:
         raise ValueError("a contest must be in a world with first_arrivals, got a world without a race")
-    counts = _counts(policies, shares, check_count("cells", cells))
+    together, first = crowd_of(world, policies, shares, cells=cells)
+    counts = tuple(np.bincount(first.steered_by).tolist())
     turn = cells // math.gcd(*counts)
     if check_count("worlds", worlds) % turn:
         rule = f"worlds must be a multiple of {turn}, so that every policy has had every start"
         raise ValueError(f"{rule} with {counts} of {cells} cells, got {worlds}")
     seed = streams.check_seed(seed)
-    views, together = _views(world, policies)
     needed = memory_needed(together, cells * worlds, 0)
     check_memory(needed, f"cells × worlds must be fewer, got {cells} × {worlds}")
-    steered_by = _seats(counts)[(np.arange(cells) + np.arange(worlds)[:, None]) % cells]
+    steered_by = first.steered_by[(np.arange(cells) + np.arange(worlds)[:, None]) % cells]
     episodes = np.arange(worlds) // turn
-    ended = _race(together, _Crowd(views, steered_by), seed, episodes)
+    ended = _race(together, dataclasses.replace(first, steered_by=steered_by), seed, episodes)
     return _dataset(world, list(policies), counts, steered_by, episodes, ended, seed)
+
+
+def crowd_of(
+    world: World,
+    policies: Mapping[str, AnyPolicy],
+    shares: Mapping[str, float] | None = None,
+    *,
+    cells: int = 40,
+) -> tuple[World, Crowd]:
+    """The first world of a `contest`: the world that records what all of the policies read, and its crowd."""
+    counts = _counts(policies, shares, check_count("cells", cells))
+    views, together = _views(world, policies)
+    return together, Crowd(list(policies), views, _seats(counts))
 
 
 def race_in(world: World) -> World:
@@ -166,11 +180,12 @@ class _View(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Crowd:
+class Crowd:
     """Several policies as one, which carries what each of them does."""
 
+    names: Sequence[str]
     views: Sequence[_View]
-    steered_by: np.ndarray  # (worlds, cells) number of the policy
+    steered_by: np.ndarray  # (cells,) or (worlds, cells) number of the policy
 
     def begin(self, world: World, state: State) -> list[Any]:
         return [begin(view.policy, view.world, view.of(state)) for view in self.views]
@@ -217,7 +232,7 @@ def _views(world: World, policies: Mapping[str, AnyPolicy]) -> tuple[list[_View]
 # --- the race -----------------------------------------------------------------------------------------------
 
 
-def _race(world: World, crowd: _Crowd, seed: int, episodes: np.ndarray) -> tuple[State, np.ndarray]:
+def _race(world: World, crowd: Crowd, seed: int, episodes: np.ndarray) -> tuple[State, np.ndarray]:
     """The state (worlds, cells) at the end of all lives, and the gains."""
     starts = draw_worlds(world, crowd.steered_by.shape[1], seed, episodes.tolist())
     for last in rollout(world, crowd, starts, seed, episode=episodes):
@@ -256,6 +271,9 @@ def _dataset(
         "arrival_time": (by_cell, state.arrival_time, {"long_name": "arrival at the egg", "units": "time"}),
         "gain": (by_cell, gain, {"long_name": "c(end of life) − c(0)", "units": "concentration"}),
     }
+    if state.medium is not None:
+        labels = {"long_name": "eaten of the medium", "units": "amount"}
+        variables["eaten"] = by_cell, state.medium.eaten, labels
     worlds, cells = steered_by.shape
     coordinates = {
         "policy": names,

@@ -125,14 +125,21 @@ def compete(
 
     Raises PolicyError for a policy that cannot be had, and as `contest` does.
     """
+    world, players, shares = rivals(policy, rival, world.replace(life=life), share)
+    return contest(world, players, shares, cells=cells, worlds=worlds, seed=seed)
+
+
+def rivals(
+    policy: str, rival: str, world: World, share: float
+) -> tuple[World, dict[str, AnyPolicy], dict[str, float]]:
+    """The world in which two policies race, the policies and their shares of the cells, as in `compete`."""
     if not 0 < check_number("share", share) < 1:
         raise ValueError(f"share must lie between 0 and 1, got {share:g}")
     if policy == rival:
         raise ValueError(f"a policy must compete against another, got {policy!r} twice")
-    world = race_in(world.replace(life=life))
+    world = race_in(world)
     players = {name: _found_policy(name, world) for name in (policy, rival)}
-    shares = {policy: share, rival: 1 - share}
-    return contest(world, players, shares, cells=cells, worlds=worlds, seed=seed)
+    return world, players, {policy: share, rival: 1 - share}
 
 
 def summarise(

@@ -31,6 +31,8 @@ LIVES: dict[str, Column] = {  # name: dimensions after (policy, cell), dtype, un
     "arrived": ((), np.bool_, "", "whether the path reached the egg"),
     "lifetime": ((), np.float64, "time", "time from the start to the end of life"),
     "decisions": ((), np.int32, "", "decisions made"),
+    "arrival_time": ((), np.float64, "time", "arrival at the egg, infinite for who never came"),  # of a race
+    "won": ((), np.bool_, "", "whether it arrived in time"),
 }
 SERIES: dict[str, Column] = {
     "time": ((), np.float64, "time", "time lived"),
@@ -39,13 +41,19 @@ SERIES: dict[str, Column] = {
     "curvature": ((), np.float32, "1/length", "curvature chosen for the interval that ends here"),
     "centre": (("axis",), np.float32, "length", "centre of curvature"),
     "concentration": ((), np.float32, "concentration", "concentration at the position"),
+    "eaten": ((), np.float32, "amount", "eaten of the medium so far"),  # where there is one
+}
+FRAMES: dict[str, Column] = {  # name: dimensions after policy; of the first world's medium
+    "medium": (("frame", "x", "y"), np.float32, "concentration", "deviation, or what is carried, at nodes"),
+    "medium_origin": (("frame", "axis"), np.float64, "length", "low corner of the grid"),
+    "medium_time": (("frame",), np.float64, "time", "time of the frame"),
 }
 STARTS: dict[str, Column] = {
     "start_position": (("cell", "axis"), np.float64, "length", "position at t = 0"),
     "start_heading": (("cell",), np.float64, "rad", "heading at t = 0, counter-clockwise from +x"),
     "past": (("cell", "record"), np.int32, "", "actions before t = 0, newest first"),
 }
-_COORDINATES = ("policy", "world", "cell", "axis", "record", "decision")
+_COORDINATES = ("policy", "world", "cell", "axis", "record", "decision", "frame", "x", "y")
 
 
 class ResultsError(ValueError):
@@ -56,7 +64,7 @@ def as_dataset(
     starts: Starts, lives: Mapping[str, Mapping[str, np.ndarray]], attributes: dict[str, Any]
 ) -> xr.Dataset:
     """Labelled results of every policy's lives: arrays (cells, ...), series (cells, decisions + 1, ...); with
-    several worlds, each (worlds, cells, ...).
+    several worlds, each (worlds, cells, ...); frames (frames, ...).
     """
     import xarray as xr
 
@@ -75,6 +83,11 @@ def as_dataset(
         stacked = [_padded(life[name], axis, longest) if along else life[name] for life in lives.values()]
         dimensions = ("policy", *worlds, "cell", *along, *extra)
         variables[name] = (dimensions, np.stack(stacked).astype(dtype), _labels(units, long_name))
+    for name in FRAMES.keys() & measured.keys():
+        dimensions, dtype, units, long_name = FRAMES[name]
+        most = max(len(life[name]) for life in lives.values())
+        stacked = [_padded(life[name].astype(dtype), 0, most) for life in lives.values()]
+        variables[name] = ("policy", *dimensions), np.stack(stacked), _labels(units, long_name)
     coordinates: dict[str, Any] = {
         "policy": list(lives),
         "cell": np.arange(starts.heading.shape[-1], dtype=np.int32),
@@ -116,6 +129,7 @@ def _dimensions(worlds: bool) -> dict[str, tuple[str, ...]]:
     several = ("world",) * worlds
     found = {name: (*several, *dimensions) for name, (dimensions, *_) in STARTS.items()}
     found |= {name: ("policy", *several, "cell", *extra) for name, (extra, *_) in LIVES.items()}
+    found |= {name: ("policy", *dimensions) for name, (dimensions, *_) in FRAMES.items()}
     return found | {
         name: ("policy", *several, "cell", "decision", *extra) for name, (extra, *_) in SERIES.items()
     }
@@ -193,7 +207,7 @@ def load_population(path: str | os.PathLike) -> xr.Dataset:
 def _check_header(file: Path, size: int) -> None:
     import h5py
 
-    known, announced = {*STARTS, *LIVES, *SERIES, *_COORDINATES}, 0
+    known, announced = {*STARTS, *LIVES, *SERIES, *FRAMES, *_COORDINATES}, 0
     with hdf5.opened(file) as stored:
         for name in stored.names():
             if not isinstance(stored.file.get(name, getlink=True), h5py.HardLink):

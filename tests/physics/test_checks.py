@@ -236,9 +236,12 @@ class Scaled:
         ({"field": TaylorGreen()}, r"field must have concentration\(position\), gradient_scale"),
         (
             {"sense_flow": True},
-            "sense_flow needs a flow with speed_scale and spin_.* above 0.*got speed_scale 0",
+            "sense_flow must go with a flow with speed_scale and spin_.* above 0.*got speed_scale 0",
         ),
-        ({"sense_flow": True, "flow": Scaled(0.1, 0.0)}, "sense_flow needs .*got .*0.1 and spin_scale 0"),
+        (
+            {"sense_flow": True, "flow": Scaled(0.1, 0.0)},
+            "sense_flow must go with .*got .*0.1 and spin_scale 0",
+        ),
         ({"sense_flow": True, "flow": Scaled(0.0, 0.1)}, "sense_flow .* speed_scale 0 and spin_scale 0.1"),
         ({"flow": TaylorGreen(speed_scale=1e3, wavenumber=1e3)}, "flow must vary slowly enough"),
         ({"sense_flow": 1}, "sense_flow must be True or False, got 1"),
@@ -261,7 +264,9 @@ class Odd(RadialField):
             object.__setattr__(self, name, value)
 
 
-@pytest.mark.parametrize("option", ["speed_scale", "spin_scale", "max_speed", "max_spin", "max_shear"])
+@pytest.mark.parametrize(
+    "option", ["speed_scale", "spin_scale", "max_speed", "max_spin", "max_shear", "max_frequency"]
+)
 def test_a_flow_with_wrong_attributes_is_an_error(option):
     flow = Scaled()
     World(flow=flow)
@@ -313,6 +318,7 @@ def test_parameters_of_a_world_are_kept_as_plain_numbers():
     [
         ({"gradient_scale": 0.0}, r"field\.gradient_scale must be a finite number above 0, got 0"),
         ({"max_gradient": -1.0}, r"field\.max_gradient must be a finite number of at least 0, got -1"),
+        ({"max_rate": float("inf")}, r"field\.max_rate must be a finite number of at least 0, got inf"),
         ({"egg_radius": -1.0}, r"field\.egg_radius must be a finite number above 0, got -1"),
         ({"egg_position": (1.0,)}, r"field\.egg_position must be two finite numbers"),
         ({"inside": 3}, r"field\.inside must be a function of positions"),

@@ -179,6 +179,17 @@ def test_batched_worlds_and_torch_live_as_one_world_in_numpy():
         np.testing.assert_allclose(tensors.position[i].numpy(), one.position, rtol=0, atol=1e-9)
 
 
+def test_jax_lives_as_numpy_compiled_and_over_worlds():
+    jax = pytest.importorskip("jax")
+    jax.config.update("jax_enable_x64", True)
+    world, starts = crowd(24, interactions=["contact", "dipole"], start_box=((0, 3), (0, 3)))
+    batch = [part.reshape(2, 12, *part.shape[1:]) for part in starts]
+    action = np.ones((2, 12), int)
+    found = jax.jit(jax.vmap(lambda *given: world.step(world.start(*given[:-1]), given[-1])[0].position))
+    expected = world.step(world.start(*batch), action)[0].position
+    np.testing.assert_allclose(found(*batch, action), expected, rtol=0, atol=1e-9)
+
+
 def test_one_cell_and_ten_thousand():
     dipole = swarm.Dipole(0.2, 0.25, cutoff=2.0)
     for cells, size in ((1, 10), (10_000, 160)):

@@ -15,6 +15,7 @@ from swarm.physics.crowd.medium import Medium, MediumState, check_medium
 from swarm.physics.crowd.mesh import Mesh
 from swarm.physics.fields import FunctionField, GaussianPlume, LinearField, RadialField
 from swarm.physics.flows import ShearFlow, StillWater, TaylorGreen, UniformFlow
+from swarm.physics.world import World
 from tests.reference import array, to_numpy
 
 BOX = ((0.0, 10.0), (0.0, 8.0))
@@ -265,7 +266,7 @@ def named(value):
 UNFIT = [
     ({"box": ((0, 8), (0, 8))}, {}, "box must contain the start box"),
     ({"leaving": "follow"}, {}, "box must be at least twice as wide as the start box"),
-    ({"shape": (32, 64)}, {}, "shape must put nodes at most 0.2 apart, the radius of the tightest circle"),
+    ({"shape": (32, 64)}, {}, "shape must put nodes at most 0.2 apart, the radius of the tightest"),
     ({"shape": (100_000, 64)}, {}, "shape must be so coarse that 1000 substeps"),
     ({"uptake": 1.0}, {"field": LinearField(offset=-3.0)}, "uptake must be 0 where the field is negative"),
     ({}, {"field": FunctionField(lambda p: np.log(p[..., 0] - 1), 1.0)}, "box must lie where the field is"),
@@ -276,6 +277,23 @@ UNFIT = [
         "shape must resolve the field's gradient",
     ),
 ]
+
+
+@pytest.mark.parametrize(
+    ("given", "spread", "rule"),
+    [
+        (
+            {"shape": (64, 64)},
+            {"curvature": 0.1},
+            "at most 0.153846 apart, the radius of the tightest circle",
+        ),
+        ({"shape": (19_000, 128)}, {"speed": 0.3}, "so coarse that 1000 substeps of a decision are enough"),
+    ],
+)
+def test_a_medium_must_suit_the_fastest_and_the_tightest_of_unlike_cells(given, spread, rule):
+    World(medium=given)
+    with pytest.raises(ValueError, match=rf"^medium.shape must .*{rule}.*, got"):
+        World(medium=given, spread=spread)
 
 
 @pytest.mark.parametrize(

@@ -1,24 +1,36 @@
 """Random worlds, random decisions: what must hold whatever the parameters."""
 
 import functools
+import math
+import re
 
 import numpy as np
 import pytest
+import torch
 import xarray as xr
-from hypothesis import given, reject, settings
+from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
+from swarm.envs import torchrl
+from swarm.envs.torchrl import SwarmEnv
+from swarm.physics.crowd.interactions import Contact, Dipole
 from swarm.physics.fields import (
     DiffusingSource,
     FunctionField,
     GaussianPlume,
     GriddedField,
     LinearField,
+    MovingSource,
     RadialField,
+    ReleasedSource,
+    ReleasingSource,
+    ShearedSource,
 )
 from swarm.physics.flows import (
+    DoubleGyre,
     FunctionFlow,
     GriddedFlow,
+    OscillatingTaylorGreen,
     PoiseuilleFlow,
     ShearFlow,
     StillWater,
@@ -26,7 +38,7 @@ from swarm.physics.flows import (
     UniformFlow,
     Vortex,
 )
-from swarm.physics.starts import draw_noise, draw_starts
+from swarm.physics.starts import draw_noise, draw_starts, noise_of
 from swarm.physics.world import World
 
 
@@ -184,3 +196,214 @@ def test_what_must_hold_in_every_world(world, cells, dtype, seed):
 @given(worlds(), CELLS, DTYPES, st.integers(0, 2**32))
 def test_what_must_hold_for_a_hundred_thousand_steps(world, cells, dtype, seed):
     check_life(world, cells, dtype, seed, 100)
+
+
+# --- the shared world ---------------------------------------------------------------------------------------
+
+ROOM, STARTS = ((-1.0, 7.0), (-1.0, 7.0)), ((1.0, 5.0), (1.0, 5.0))
+ONE_LINE = re.compile(r"[^\n]+ must [^\n]+, got [^\n]+")
+eggs = {"egg_position": places, "egg_radius": st.none() | numbers(0.2, 1.0)}
+sources = {"strength": scales, "offset": numbers(0, 5)}
+SHARED_FIELDS = st.one_of(
+    st.builds(LinearField, gradient_scale=scales, offset=numbers(5, 50)),
+    st.builds(GaussianPlume, gradient_scale=scales, width=numbers(0.5, 5), egg_radius=st.just(0.5)),
+    st.builds(ReleasedSource, age=numbers(5, 40), dimensions=st.sampled_from([2, 3]), **eggs, **sources),
+    st.builds(
+        ReleasingSource,
+        age=numbers(5, 40),
+        core=numbers(0.2, 0.45),
+        dimensions=st.sampled_from([2, 3]),
+        **eggs,
+        **sources,
+    ),
+    st.builds(
+        MovingSource, velocity=st.tuples(speeds, speeds), position=places, core=numbers(0.2, 0.45), **sources
+    ),
+    st.builds(ShearedSource, age=numbers(5, 40), core=numbers(0.2, 0.45), **eggs, **sources),
+)
+SHARED_FLOWS = st.one_of(
+    st.just(StillWater()),
+    st.builds(TaylorGreen, speed_scale=speeds, wavenumber=st.just(math.pi / 4)),
+    st.builds(OscillatingTaylorGreen, speed_scale=speeds, phase=numbers(0, 3), frequency=numbers(0.1, 2)),
+    st.builds(DoubleGyre, amplitude=speeds, displacement=numbers(0, 0.4), size=numbers(2, 8)),
+)
+amounts = st.just(0.0) | numbers(0.001, 0.5)
+MEDIA = st.fixed_dictionaries(
+    {
+        "box": st.just(ROOM),
+        "shape": st.sampled_from([(48, 48), (56, 40), (8, 8)]),
+        "edges": st.sampled_from(["periodic", "noflux"]),
+        "leaving": st.sampled_from(["wrap", "truncate", "follow"]),
+        "carried": st.booleans(),
+        "kernel": st.sampled_from(["linear", "cubic"]),
+        "diffusivity": amounts,
+        "uptake": amounts,
+        "secretion": amounts,
+        "decay": amounts,
+        "substeps": st.sampled_from([None, 1, 3]),
+    }
+)
+CONTACTS = st.builds(Contact, diameter=numbers(0.05, 0.15), stiffness=numbers(100, 300))
+DIPOLES = st.builds(
+    Dipole,
+    strength=numbers(-0.25, 0.25),
+    core=st.just(0.0) | numbers(0.2, 0.5),
+    geometry=st.sampled_from(["film", "bulk"]),
+    cutoff=st.none() | numbers(0.5, 3),
+)
+COMPANY = st.one_of(st.just(()), st.tuples(CONTACTS), st.tuples(DIPOLES), st.tuples(CONTACTS, DIPOLES))
+SPREADS = st.none() | st.fixed_dictionaries({"speed": numbers(0, 0.35), "curvature": numbers(0, 0.3)})
+SHARED = {
+    "n_records": st.integers(2, 5),
+    "field": SHARED_FIELDS,
+    "flow": SHARED_FLOWS,
+    "life": numbers(0.5, 6),
+    "start_box": st.just(STARTS),
+    "speed": numbers(0.5, 1.5),
+    "varying_speed": st.booleans(),
+    "interval_rule": st.sampled_from(["common", "common", "truncated"]),
+    "concentration_noise": NOISE,
+    "curvature_noise": NOISE,
+    "interactions": COMPANY,
+    "medium": st.none() | MEDIA,
+    "first_arrivals": st.none() | st.integers(1, 4),
+    "block_delay": st.just(0.0) | numbers(0.1, 1),
+    "reward": st.sampled_from(["own", "own", "team", "arrival", "eaten"]),
+    "binding_rate": st.none() | numbers(0.1, 50),
+    "spread": SPREADS,
+    "sensor": st.sampled_from(["memory", "memory_with_neighbours", "memory_with_traits", "memory_with_flow"]),
+}
+SUITS = {  # what a combination needs; three of four are made to fit, the others are refused or happen to fit
+    "sensor": lambda given: {
+        "memory_with_traits": given["spread"] is not None,
+        "memory_with_flow": given["flow"].spin_scale > 0,
+    }.get(given["sensor"], True),
+    "reward": lambda given: {
+        "arrival": given["first_arrivals"] is not None,
+        "eaten": given["medium"] is not None and given["medium"]["uptake"] > 0,
+    }.get(given["reward"], True),
+}
+
+
+@st.composite
+def shared_worlds(draw):
+    """Worlds with any of what cells share; what does not go together is refused in one line."""
+    given = draw(st.fixed_dictionaries(SHARED))
+    if draw(st.integers(0, 3)):
+        if getattr(given["field"], "egg_radius", None) is None:
+            given["first_arrivals"] = None
+        if given["first_arrivals"] is None:
+            given["block_delay"] = 0.0
+        if given["binding_rate"] is not None:
+            given["concentration_noise"] = 0.0
+        for name, fits in SUITS.items():
+            given[name] = given[name] if fits(given) else {"sensor": "memory", "reward": "own"}[name]
+        if given["varying_speed"]:
+            given["interval_rule"] = "common"
+        if (medium := given["medium"]) is not None:
+            medium |= {"shape": (48, 48), "substeps": None}
+            medium["edges"] = "periodic" if medium["leaving"] == "wrap" else medium["edges"]
+        given["interactions"] = tuple(each for each in given["interactions"] if getattr(each, "core", 1) > 0)
+    try:
+        return World(**given)
+    except (TypeError, ValueError) as error:
+        if not ONE_LINE.fullmatch(str(error)):
+            raise
+        reject()
+
+
+NEAREST = 3.0  # in a crowd, of the v/μK by which two cells head on come nearer than the diameter
+
+
+def check_apart(world, state):
+    """No pair is much nearer than two that head for each other, pushed by their dipoles too."""
+    contacts = [each for each in world.interactions if isinstance(each, Contact)]
+    spread = 1.0 if world.spread is None else world.spread.largest[0]
+    fastest = spread * max(world.action_speeds) + sum(
+        getattr(each, "speed_scale", 0) for each in world.interactions
+    )
+    alive = np.flatnonzero(~state.finished)
+    apart = np.hypot(*np.moveaxis(state.position[alive, None] - state.position[alive], -1, 0))
+    nearest = np.min(apart[~np.eye(len(alive), dtype=bool)], initial=np.inf)
+    for each in contacts:
+        assert nearest >= each.diameter - NEAREST * fastest / each.stiffness
+
+
+def check_shared_life(world, cells, seed, decisions):
+    """Lives some decisions, and again with the cells in another order."""
+    starts = draw_starts(world, cells, seed)
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(cells)
+    noise = noise_of(world)(seed, cells, decisions) if world.has_noise else None
+    state, other = (world.start(*(part[row] for part in starts)) for row in (slice(None), order))
+    medium, bounds = world.medium, world.observation_bounds
+    began = None if medium is None else medium.balance(state.medium)
+    for turn in range(decisions):
+        action = rng.integers(world.n_actions, size=cells)
+        kicks = None if noise is None else noise[:, turn]
+        state, outcome = world.step(state, action, kicks)
+        other, permuted = world.step(other, action[order], None if noise is None else kicks[order])
+        for name, part in state.named("").items():
+            assert np.all(np.isfinite(part) | (name == ".arrival_time")), name
+        for part in outcome:
+            assert np.all(np.isfinite(part))
+        assert np.all(np.abs(outcome.observation) <= bounds)
+        for one, two in zip((*state[:6], *outcome), (*other[:6], *permuted), strict=True):
+            if one.dtype == bool:
+                np.testing.assert_array_equal(two, one[order])
+            else:
+                np.testing.assert_allclose(two, one[order], rtol=1e-6, atol=1e-6 * (1 + np.abs(one).max()))
+        if medium is not None:
+            held = state.medium
+            parts = held.eaten.sum(), held.secreted.sum(), held.decayed, held.outflow
+            scale = np.abs(held.grid).sum() * medium.volume + np.abs(parts).sum() + abs(began)
+            assert abs(medium.balance(held) - began) <= 1e-12 * scale
+        if turn >= 3:  # who was drawn on top of another has been pushed away
+            check_apart(world, state)
+
+
+def check_faces(world, cells, seed, decisions):
+    """What NumPy and torch make of the same decisions."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(torchrl, "NUMPY_CELLS", 0)
+        tensors = SwarmEnv(2, n_swimmers=cells, dtype="float64", seed=seed, world=world)
+    arrays = SwarmEnv(2, n_swimmers=cells, dtype="float64", seed=seed, world=world)
+    tensors.restart(), arrays.restart()
+    actions = np.random.default_rng(seed).integers(world.n_actions, size=(decisions, 2, cells))
+    for action in actions:
+        results = [env.advance(torch.as_tensor(action))._asdict() for env in (tensors, arrays)]
+        ours, theirs = (
+            env.state.named("") | each for env, each in zip((tensors, arrays), results, strict=True)
+        )
+        for name, part in ours.items():
+            one, two = part.double(), theirs[name].double()
+            scale = 1 + two.nan_to_num(posinf=0).abs().max()
+            assert torch.allclose(one, two, rtol=1e-6, atol=1e-6 * float(scale)), name
+
+
+CROWDS = st.integers(1, 24), st.integers(0, 2**32)
+
+
+@pytest.mark.filterwarnings("ignore:medium.carried needs")
+@settings(max_examples=40, suppress_health_check=[HealthCheck.filter_too_much])
+@given(shared_worlds(), *CROWDS)
+def test_what_must_hold_in_every_shared_world(world, cells, seed):
+    cells = max(cells, world.first_arrivals or 1)
+    check_shared_life(world, cells, seed, min(6, world.max_decisions))
+
+
+@pytest.mark.filterwarnings("ignore:medium.carried needs")
+@settings(max_examples=10, suppress_health_check=[HealthCheck.filter_too_much])
+@given(shared_worlds(), *CROWDS)
+def test_torch_lives_as_numpy_in_every_shared_world(world, cells, seed):
+    check_faces(world, max(cells, world.first_arrivals or 1), seed, min(3, world.max_decisions))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:medium.carried needs")
+@settings(max_examples=1000, derandomize=False, suppress_health_check=[HealthCheck.filter_too_much])
+@given(shared_worlds(), *CROWDS)
+def test_what_must_hold_in_many_shared_worlds(world, cells, seed):
+    cells = max(cells, world.first_arrivals or 1)
+    check_shared_life(world, cells, seed, min(12, world.max_decisions))
+    check_faces(world, cells, seed, min(6, world.max_decisions))

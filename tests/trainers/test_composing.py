@@ -123,7 +123,7 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
         ("seed=${nothing}", "seed"),
         ("seed=99999999999999999999", "seed must be at most 9223372036854775807"),
         ("evaluate=yes", "evaluate must be true or false, got 'yes'"),
-        ("world.sense_flow=true", "world.sense_flow needs a flow"),
+        ("world.sense_flow=true", "world.sense_flow must go with a flow"),
         ("world.curvatures=[5.0,3.0]", "world.curvatures must rise and be positive, got (5.0, 3.0)"),
         ("seed=[3", "the value cannot be read, other signs than letters need quotes, got 'seed=[3'"),
         ("world.flow=taylor-green", "did you mean 'taylor_green'?"),

@@ -130,14 +130,13 @@ class Parameters(Checked):
                 raise ValueError(f"core must be above 0 in a world, whose cells may touch, got {each!r}")
         _ = self.swimmer.company  # raises where they vary too fast
         if self.medium is not None:
-            longest, fastest = max(self.intervals), max(self.action_speeds)
             self.medium.check(
                 self.field,
                 self.flow,
                 start_box=self.box,
-                interval=longest,
-                speed=fastest,
-                curvature=self.curvatures[-1],
+                interval=max(self.intervals),
+                speed=self.fastest,
+                curvature=self.curvatures[-1] * (1.0 if self.spread is None else self.spread.largest[1]),
             )
 
     @classmethod
@@ -201,6 +200,11 @@ class Parameters(Checked):
         if not self.varying_speed:
             return (self.speed,) * self.n_actions
         return tuple(float(v) for v in np.linspace(*self.speeds, self.n_actions))
+
+    @property
+    def fastest(self) -> float:
+        """The highest speed of any cell [length / time]."""
+        return max(self.action_speeds) * (1.0 if self.spread is None else self.spread.largest[0])
 
     @property
     def periods(self) -> tuple[float, ...]:

@@ -38,7 +38,7 @@ def check_flow(name: str, value: Any) -> Flow:
 
 def _check_options(name: str, part: Any) -> None:
     """Checks what a field or a flow need not have."""
-    bounds = ("max_gradient", "max_speed", "max_spin", "max_shear")
+    bounds = ("max_gradient", "max_rate", "max_speed", "max_spin", "max_shear", "max_frequency")
     for option in (*bounds, "period", "egg_radius"):
         if getattr(part, option, None) is not None:
             rule = {"at_least" if option in bounds else "above": 0.0}

@@ -210,8 +210,7 @@ class World(Parameters):
     def _middles(self) -> tuple[float, ...]:
         """The middles of the medium's substeps, as parts of a decision."""
         assert self.medium is not None
-        fastest = max(self.action_speeds) * (1.0 if self.spread is None else self.spread.largest[0])
-        count = self.medium.substeps_for(self.flow, fastest, max(self.intervals))
+        count = self.medium.substeps_for(self.flow, self.fastest, max(self.intervals))
         return tuple((i + 0.5) / count for i in range(count))
 
     def _mean_concentration(self, state: State, interval: Interval, pose: Pose, medium: Any) -> Array:

@@ -1,0 +1,9 @@
+"""The picture of a swarm: water, egg, swimmers with their trails, and a panel of numbers, drawn by Agg."""
+
+from swarm.figures.scene.easel import PANEL, SIZE
+from swarm.figures.scene.glance import TRAIL, Camera, Glance, Segment, Teams
+from swarm.figures.scene.picture import Scene
+from swarm.figures.scene.water import PLUM, SEA, concentration_at, speed_at
+
+__all__ = ["PANEL", "PLUM", "SEA", "SIZE", "TRAIL"]
+__all__ += ["Camera", "Glance", "Scene", "Segment", "Teams", "concentration_at", "speed_at"]

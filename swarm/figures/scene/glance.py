@@ -1,0 +1,78 @@
+"""What is to be seen of a swarm: from where, which cells, and the paths that they swam."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from swarm.figures.scene.easel import SIZE
+
+TRAIL = 28  # decisions that a trail reaches back
+
+
+class Camera(NamedTuple):
+    """The square of the world that is in view."""
+
+    x: float  # of its centre [length]
+    y: float
+    width: float
+
+    @property
+    def scale(self) -> float:
+        """Pixels per length."""
+        return SIZE / self.width
+
+    def pixels(self, places: np.ndarray) -> np.ndarray:
+        """Columns and rows (..., 2) of complex places (...) [length]."""
+        away = (places - complex(self.x, self.y)) * self.scale
+        return np.stack([away.real, -away.imag], axis=-1) + (SIZE - 1) / 2
+
+
+class Glance(NamedTuple):
+    """What of a state is to be seen."""
+
+    position: np.ndarray  # (cells,) complex [length]
+    angle: np.ndarray  # (cells,) heading [rad]
+    curvature: np.ndarray  # (cells,) of the interval that ended [1 / length]
+    time: np.ndarray  # (cells,)
+    gain: np.ndarray  # (cells,)
+    finished: np.ndarray  # (cells,) bool
+    won: np.ndarray | None = None  # (cells,) bool: has arrived in time; None where nobody races
+    closed: bool = False  # whether the egg lets nobody in any more
+    medium: Any = None  # its `MediumState`
+
+
+class Teams(NamedTuple):
+    """Several policies in one world."""
+
+    names: Sequence[str]
+    steered_by: np.ndarray  # (cells,) number of the policy
+
+
+class Segment(NamedTuple):
+    """The paths of one decision: arcs between two glances."""
+
+    start: np.ndarray  # (cells,) complex [length]
+    chord: np.ndarray  # (cells,) complex [length]
+    turn: np.ndarray  # (cells,) [rad]
+    seen: np.ndarray  # (cells,) bool: swum, and in the cell's present life
+
+    def places(self, share: np.ndarray) -> np.ndarray:
+        """Complex places (cells, k) at shares (k,) in [0, 1] of the interval; NaN where nothing is seen.
+
+        z(s) = z₀ + (z₁ − z₀)(e^{iαs} − 1)/(e^{iα} − 1): the arc of angle α through both ends.
+        """
+        small = np.abs(self.turn) < 1e-4
+        turn = np.where(small, 1.0, self.turn)[:, None]
+        ratio = np.where(small[:, None], share, np.expm1(1j * turn * share) / np.expm1(1j * turn))
+        return np.where(self.seen[:, None], self.start[:, None] + self.chord[:, None] * ratio, np.nan)
+
+
+def places_behind(trail: Sequence[Segment], share: float, back: np.ndarray) -> np.ndarray:
+    """Complex places (cells, k) where cells were `back` (k,) decisions ago, rising from 0."""
+    age = np.ceil(back - share).astype(int).clip(0)  # segments that have been swum since
+    return np.hstack(
+        [segment.places(share + i - back[age == i]) for i, segment in enumerate(reversed(trail))]
+    )
