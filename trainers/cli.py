@@ -5,7 +5,6 @@ Heavy imports wait until they are needed.
 
 from __future__ import annotations
 
-import dataclasses
 import errno
 import sys
 import time
@@ -283,7 +282,8 @@ def watch(
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the report; what is finished there is not redone.")],
     quick: Annotated[bool, typer.Option(help="Test the shipped policies instead of training.")] = False,
-    seeds: Annotated[int, typer.Option(help="Training seeds of every experiment.")] = 20,
+    crowd: Annotated[bool, typer.Option("--crowd", help="The experiments on crowds instead.")] = False,
+    seeds: Annotated[int | None, typer.Option(help="Training seeds; default: 20, of crowds 5.")] = None,
     jobs: Annotated[int | None, typer.Option(help="Processes at once; default: 2, or 1 on one core.")] = None,
     publish: Annotated[Path | None, typer.Option(help="Folder for a copy without the runs.")] = None,
     ship: Annotated[bool, typer.Option("--ship", help="Replace the shipped policies by the best.")] = False,
@@ -291,16 +291,21 @@ def reproduce(
     """Reproduce every figure and table of the paper, with a verdict on each of its claims."""
     from swarm._support import files
     from swarm._support.checks import check_count
-    from trainers.paper import reproduction
+    from trainers.crowd import reproduction as crowds
+    from trainers.crowd.plan import CrowdPlan
+    from trainers.paper import reproduction as paper
     from trainers.paper.plan import Plan
 
-    plan = Plan(quick=quick, n_seeds=check_count("--seeds", seeds))
-    if jobs is not None:
-        plan = dataclasses.replace(plan, workers=check_count("--jobs", jobs))
-    publish = publish and files.expanded(publish)
-    claims = reproduction.reproduce(plan, files.expanded(out), publish, ship=ship)
-    verdicts = Counter(claim.verdict for claim in claims)
-    print(f"{len(claims)} claims: " + ", ".join(f"{count} {name}" for name, count in verdicts.most_common()))
+    changes: dict[str, Any] = {"quick": quick}
+    changes |= {} if seeds is None else {"n_seeds": check_count("--seeds", seeds)}
+    changes |= {} if jobs is None else {"workers": check_count("--jobs", jobs)}
+    places = files.expanded(out), publish and files.expanded(publish)
+    if crowd:
+        judged = crowds.reproduce(CrowdPlan(**changes), *places, ship=ship)
+    else:
+        judged = paper.reproduce(Plan(**changes), *places, ship=ship)
+    verdicts = Counter(claim.verdict for claim in judged)
+    print(f"{len(judged)} claims: " + ", ".join(f"{count} {name}" for name, count in verdicts.most_common()))
     print(f"the report is {out / 'report.md'}")
 
 

@@ -7,18 +7,21 @@ import swarm.figures.backend  # noqa: F401, first of all that loads Matplotlib
 from swarm.figures.life import comparison, path_of
 from swarm.figures.populations import (
     Curve,
+    Sweep,
     centrelines,
     centrelines_and_gains,
     gains,
     groups,
     noise_sweep,
     radial,
+    sweeps,
     training,
 )
 from swarm.figures.style import plain, save
 
 __all__ = [
     "Curve",
+    "Sweep",
     "centrelines",
     "centrelines_and_gains",
     "comparison",
@@ -29,5 +32,6 @@ __all__ = [
     "plain",
     "radial",
     "save",
+    "sweeps",
     "training",
 ]

@@ -211,6 +211,54 @@ def _training_panel(axes: Axes, curve: Curve, look: style.Look) -> None:
         axes.axhline(curve.greedy, color=rival.colour, linestyle=rival.line, label=rival.label)
 
 
+class Sweep(NamedTuple):
+    """A quantity against something that varies, under several policies."""
+
+    levels: Sequence[float]
+    found: Mapping[str, Any]  # by policy (levels, 3): mean, and its interval; NaN where there is none
+    label: str  # of the levels
+    quantity: str
+    marks: Mapping[float, str] = {}  # levels that are called by name
+    logarithmic: bool = False
+    joined: bool = True  # by lines; levels that are but names stand side by side
+    chance: Mapping[str, tuple[float, float]] = {}  # straight lines to compare with, by name, and their ends
+
+
+@style.styled
+def sweeps(panels: Sequence[Sweep]) -> Figure:
+    """A quantity against something that varies, with its intervals, one panel for each; policies differ by
+    colour, line and marker.
+    """
+    width = min(1.0, 0.42 + 0.2 * len(panels))
+    figure = style.canvas(width, 0.42 if len(panels) == 1 else 0.36)
+    every = list(figure.subplots(1, len(panels), squeeze=False)[0])
+    for axes, panel in zip(every, panels, strict=True):
+        _sweep_panel(axes, panel)
+    style.legend_above(figure, every[0], most=3)
+    if len(panels) > 1:
+        style.lettered(every)
+    return figure
+
+
+def _sweep_panel(axes: Axes, panel: Sweep) -> None:
+    levels = np.asarray(panel.levels, float)
+    for place, (name, numbers) in enumerate(panel.found.items()):
+        look, (mean, *band) = style.look(name), np.asarray(numbers, float).T
+        reach = np.nan_to_num(np.abs(np.array(band) - mean))
+        line: dict[str, Any] = {"color": look.colour, "label": look.label}
+        line["linestyle"] = look.line if panel.joined else ""
+        beside = 0.0 if panel.joined else 0.12 * (place - (len(panel.found) - 1) / 2)
+        axes.errorbar(levels + beside, mean, reach, capsize=3, marker=look.marker, ms=3.5, **line)
+    for name, ends in panel.chance.items():
+        axes.plot(levels[[0, -1]], ends, color=style.INK, linestyle=(0, (1, 2)), label=name, zorder=1)
+    if panel.logarithmic:
+        axes.set_xscale("log")
+    if panel.marks:
+        axes.set_xticks(list(panel.marks), list(panel.marks.values()), minor=False)
+        axes.minorticks_off()
+    axes.set(xlabel=panel.label, ylabel=panel.quantity)
+
+
 @style.styled
 def noise_sweep(
     levels: Sequence[float],
@@ -226,13 +274,14 @@ def noise_sweep(
     axes = figure.add_subplot()
     numbers = [statistics(one) for one in results]
     chosen = style.chosen_policies(results[0], policies or list(numbers[0]))
+    found = {}
     for name in chosen:
-        look, means = style.look(name), np.array([each[name]["mean"] for each in numbers])
+        means = [each[name]["mean"] for each in numbers]
         intervals = [each[name]["ci95"] or (each[name]["mean"],) * 2 for each in numbers]
-        band, line = np.transpose(intervals), {"color": look.colour, "linestyle": look.line}
-        axes.errorbar(levels, means, np.abs(band - means), capsize=3, marker=look.marker, ms=3, **line)
-        axes.fill_between(levels, *band, color=look.colour, alpha=0.2, linewidth=0)
-    axes.set(xlabel=label, ylabel=r"mean gain $\Delta c$")
+        found[name] = np.column_stack([means, intervals])
+        look = style.look(name)
+        axes.fill_between(levels, *np.transpose(intervals), color=look.colour, alpha=0.2, linewidth=0)
+    _sweep_panel(axes, Sweep(levels, found, label, r"mean gain $\Delta c$"))
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     style.legend(axes, chosen, loc="best")
     return figure

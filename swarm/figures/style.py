@@ -65,6 +65,14 @@ LOOKS = {
     "aware": Look("aware DQN", "#0072B2", "-", "o"),
     "blind": Look("blind DQN", "#CC79A7", (0, (5, 1, 1, 1)), "v"),
     "still": Look("still-water DQN", "#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P"),
+    "alone": Look("alone, no medium", "#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "<"),
+    "wake": Look("alone, own wake", "#CC79A7", (0, (5, 1, 1, 1)), ">"),
+    "crowd": Look("crowd of 40", "#0072B2", "-", "*"),
+    "crowd_160": Look("crowd of 160", "#222222", "-", "d"),
+    "crowd_ppo": Look("crowd of 40, PPO", "#E69F00", "-", "p"),
+    "own": Look("own reward", "#0072B2", "-", "h"),
+    "arrival": Look("reward arrival", "#CC79A7", (0, (5, 1, 1, 1)), "H"),
+    "learnt": Look("learnt", "#0072B2", "-", "8"),
 }
 SPARE = ("#56B4E9", "#CC79A7", "#E69F00", "#999999")
 DARK_IS_HIGH = LinearSegmentedColormap.from_list("dark is high", ["#ffffff", "#8f9aa5"])
@@ -229,11 +237,16 @@ def legend(axes: Axes, policies: Sequence[str], **kwargs: Any) -> None:
     axes.legend(handles, [look(name).label for name in policies], **kwargs)
 
 
-def legend_above(figure: Figure, axes: Axes) -> None:
-    """Every label of the axes once, above the figure."""
+def legend_above(figure: Figure, axes: Axes, most: int | None = None) -> None:
+    """Every label of the axes once, above the figure, at `most` so many in a row."""
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    figure.legend(list(unique.values()), list(unique), loc="outside upper right", ncols=len(unique))
+    figure.legend(
+        list(unique.values()),
+        list(unique),
+        loc="outside upper right",
+        ncols=min(most or len(unique), len(unique)),
+    )
 
 
 def label_beside(axes: Axes, marks: Sequence[tuple[float, str, str]]) -> None:

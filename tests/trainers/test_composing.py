@@ -11,7 +11,7 @@ from trainers.settings.composition import SettingsError, names_of, settings_from
 from trainers.settings.schema import Settings
 
 EXPERIMENTS = ["linear_n2", "linear_n4", "linear_n8", "varying_speed", "radial"]
-EXPERIMENTS += ["taylor_green_aware", "taylor_green_blind"]
+EXPERIMENTS += ["taylor_green_aware", "taylor_green_blind", "crowd_uptake", "race", "shear", "film"]
 DEFAULTS = Settings().dotted()
 KEYS = [("dqn", key) for key in DEFAULTS] + [
     ("ppo", key) for key in Settings(algorithm="ppo").dotted() if key.startswith("learning.")
@@ -110,7 +110,7 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
         ("world._target_=os.system", "settings have no key 'world._target_'"),
         ("_target_=os.system", "settings have no key '_target_'"),
         ("experiment=linear_4", "got 'linear_4'; did you mean 'linear_n4'?"),
-        ("experiment=", "experiment must be one of linear_n2"),
+        ("experiment=", "experiment must be one of crowd_uptake"),
         ("experiment=[linear_n2,linear_n4]", "experiment must be one of"),
         ("experiment=../../secret", "experiment must be one of"),
         ("recipe=papers", "recipe must be one of paper, swarm, got 'papers'; did you mean 'paper'?"),

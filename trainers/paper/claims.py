@@ -5,15 +5,15 @@ What is claimed, and by which criterion it is judged, is in `statements.yaml`.
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib import resources
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import yaml
 
 from swarm.population.statistics import LEVEL, margin
-from trainers.paper.measurements import DEVISED, Evidence, Lives, TrainingGains
+from trainers.paper.measurements import DEVISED, Lives, TrainingGains
 
 REPRODUCED, NOT_REPRODUCED, REVERSED = "reproduced", "not reproduced", "reversed"
 TENTH = 0.1  # part of the epochs at either end of a training that are compared
@@ -39,11 +39,13 @@ class Estimate(NamedTuple):
     highest: float
 
 
-def estimate(*samples: np.ndarray, combine: Callable[..., Any] = difference) -> Estimate:
+def estimate(
+    *samples: np.ndarray, combine: Callable[..., Any] = difference, part: bool | None = None
+) -> Estimate:
     """`combine` of the samples' means; samples are (seeds, cells), all of the same cells.
 
-    The interval of what is not linear follows from its slopes. That of a part of the cells (bool) keeps
-    within 0 and 1, and is Clopper's and Pearson's for cells that all agree.
+    The interval of what is not linear follows from its slopes. That of a `part` of the cells, by default
+    where samples are bool, keeps within 0 and 1, and is Clopper's and Pearson's for cells that all agree.
     """
     means = [float(sample.mean()) for sample in samples]
     step = 1e-20j  # in the imaginary direction, which is exact
@@ -54,7 +56,7 @@ def estimate(*samples: np.ndarray, combine: Callable[..., Any] = difference) -> 
     value = float(combine(*means))
     half = margin(*samples, weights=slopes)
     interval = None if half is None else (value - float(half), value + float(half))
-    if interval and samples[0].dtype == bool:
+    if interval and (samples[0].dtype == bool if part is None else part):
         all_agree = ((1 - LEVEL) / 2) ** (1 / samples[0].shape[1])
         low, high = {1.0: (all_agree, 1.0), 0.0: (0.0, 1 - all_agree)}.get(value, interval)
         interval = max(low, 0.0), min(high, 1.0)
@@ -72,6 +74,7 @@ class Measure(NamedTuple):
     values: Callable[[Any], np.ndarray]  # of Lives, a Circle or TrainingGains: (seeds, cells)
     unit: str
     combine: Callable[..., Any] = difference  # of the samples' means
+    part: bool | None = None  # whether each is a part of a whole, see `estimate`
 
 
 def _spread(lives: Lives) -> np.ndarray:
@@ -164,21 +167,24 @@ class Statement(NamedTuple):
     criterion: Criterion
 
 
-def statements() -> Iterator[Statement]:
-    """Every statement, in the paper's order."""
-    source = resources.files("trainers.paper") / "statements.yaml"
+def statements(
+    room: str = "trainers.paper", measures: Mapping[str, Measure] = MEASURES
+) -> Iterator[Statement]:
+    """Every statement in the `statements.yaml` of a room, in its order; by default the paper's."""
+    source = resources.files(room) / "statements.yaml"
     stored = yaml.safe_load(source.read_text(encoding="utf-8"))
     names = {"": ""} | stored["names"]
     for row in stored["statements"]:
         for kind, case in itertools.product(row.get("kinds", [""]), row.get("cases", [""])):
-            words = {"kind": kind, "case": case, "setting": names[case], "subject": names[kind]}
+            words = {"kind": kind, "case": case, "setting": names.get(case, case)}
+            words["subject"] = names.get(kind, kind)
             words["Subject"] = words["subject"].capitalize()
             measure, _, samples = row["number"].format(**words).rpartition(" of ")
             sign, _, bound = row["is"].partition(" ")
             yield Statement(
                 row["id"].format(**words),
                 row["text"].format(**words),
-                MEASURES[measure],
+                measures[measure],
                 samples.split(),
                 Criterion(sign, float(bound or 0)),
             )
@@ -201,14 +207,23 @@ class Claim(NamedTuple):
     by_seed: dict[str, list[float]]  # the number of every seed in each sample
 
 
-def judged(statement: Statement, evidence: Evidence, recipe: str) -> Claim | None:
+class Samples(Protocol):
+    """Evidence of any kind."""
+
+    def sample(self, where: str, recipe: str) -> Any:
+        """What was measured at CASE/KIND under a recipe, with its `seeds`; None where nothing was."""
+        ...
+
+
+def judged(statement: Statement, evidence: Samples, recipe: str) -> Claim | None:
     """The verdict on a statement under a recipe; None where something was not measured."""
     found = [evidence.sample(where, recipe) for where in statement.samples]
     samples = [statement.measure.values(each) for each in found if each is not None]
     if len(samples) < len(found):
         return None
     seeds = next((each.seeds for each in found if each is not None and each.seeds), ())
-    number = estimate(*samples, combine=statement.measure.combine)
+    part = statement.measure.part if len(samples) == 1 else None
+    number = estimate(*samples, combine=statement.measure.combine, part=part)
     means = [sample.mean(axis=1).tolist() for sample in samples]
     several = len(samples) == 1 < len(seeds)
     return Claim(
@@ -227,10 +242,12 @@ def judged(statement: Statement, evidence: Evidence, recipe: str) -> Claim | Non
     )
 
 
-def all_claims(evidence: Evidence, recipes: Sequence[str]) -> list[Claim]:
+def all_claims(
+    evidence: Samples, recipes: Sequence[str], given: Iterable[Statement] | None = None
+) -> list[Claim]:
     """Every statement whose measurements are there: once if nobody trains for it, else under each recipe."""
     found: dict[tuple[str, str | None], Claim] = {}
-    for statement in statements():
+    for statement in statements() if given is None else given:
         for recipe in recipes or (DEVISED,):
             if (claim := judged(statement, evidence, recipe)) is not None:
                 found.setdefault((claim.id, claim.recipe), claim)

@@ -24,12 +24,29 @@ RUNS = "runs"
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What decides a reproduction."""
+class TrainingPlan:
+    """What decides the trainings of a reproduction."""
 
     quick: bool = False  # test the shipped policies instead of training
     recipes: tuple[str, ...] = ("swarm", "paper")
     n_seeds: int = 20  # training seeds of each experiment: 0, 1, …
+    words: tuple[str, ...] = ()  # settings of every training that differ from its recipe's
+    experiments: tuple[str, ...] = EXPERIMENTS
+    workers: int = dataclasses.field(default_factory=lambda: min(2, os.cpu_count() or 1))  # processes at once
+
+    def chosen(self, experiment: str) -> tuple[str, ...]:
+        """The words that choose an experiment."""
+        return (f"experiment={experiment}",)
+
+    def settings(self, recipe: str, experiment: str) -> Settings:
+        """Settings of an experiment's trainings, of its first seed."""
+        return _composed(f"recipe={recipe}", *self.chosen(experiment), "tensorboard=false", *self.words)
+
+
+@dataclass(frozen=True)
+class Plan(TrainingPlan):
+    """What decides a reproduction of the paper."""
+
     cells: int = 400  # of a test; none of them was ever seen in training or validation
     radial_cells: int = 100  # of the test around the egg
     swinging_cells: int = 40  # whose circles are fitted
@@ -37,13 +54,6 @@ class Plan:
     radial_figure_cells: int = 9
     radial_reach: float = 30.0  # they start in a square around the egg, so far to each side [length]
     seed: int = 100  # of the test population
-    words: tuple[str, ...] = ()  # settings of every training that differ from its recipe's
-    experiments: tuple[str, ...] = EXPERIMENTS
-    workers: int = dataclasses.field(default_factory=lambda: min(2, os.cpu_count() or 1))  # processes at once
-
-    def settings(self, recipe: str, experiment: str) -> Settings:
-        """Settings of an experiment's trainings, of its first seed."""
-        return _composed(f"recipe={recipe}", f"experiment={experiment}", "tensorboard=false", *self.words)
 
     def test_world(self, test: str) -> World:
         """The world of a test; it is the same under every recipe."""
@@ -79,7 +89,7 @@ class Training(NamedTuple):
         return float(settings.learning.epochs * settings.training_world().max_decisions * settings.n_seeds)
 
 
-def trainings(plan: Plan, out: Path) -> list[Training]:
+def trainings(plan: TrainingPlan, out: Path) -> list[Training]:
     """Every training of the plan; raises SettingsError.
 
     Seeds are added to those of an earlier reproduction: a second run, FOLDER-from-5, trains those from 5 on.

@@ -55,11 +55,11 @@ def _verdicts(claims: Sequence[Claim]) -> str:
         {
             "claim": each.claim,
             "recipe": each.recipe,
-            "measured": f"{_spread(each.measurement, each.spread_of_seeds)} {_short(each.unit)}".strip(),
-            "95% interval": _interval(each.interval),
+            "measured": f"{spread_of(each.measurement, each.spread_of_seeds)} {short(each.unit)}".strip(),
+            "95% interval": interval_of(each.interval),
             "criterion": each.criterion,
             "seeds": len(each.seeds) or None,
-            "worst seed": _number(each.worst_seed),
+            "worst seed": number(each.worst_seed),
             "verdict": f"**{each.verdict}**",
         }
         for each in claims
@@ -82,7 +82,7 @@ def _results(results: Sequence[Row]) -> str:
         mine = [row for row in results if row["test"] == name]
         first, rows = mine[0], [_result(row) for row in mine]
         shown = [heading for heading in rows[0] if any(row[heading] not in (None, NOTHING) for row in rows)]
-        limit = f", limit {_number(first['limit'])}" if first["limit"] else ", no limit known"
+        limit = f", limit {number(first['limit'])}" if first["limit"] else ", no limit known"
         limit += f" ± {error:.2f}" if (error := first["limit_error"] or 0.0) >= 0.005 else ""
         parts.append(f"**{name}** ({first['cells']} cells, lives of at most {first['life']:g}{limit})\n")
         parts.append(Table.of(rows, shown).as_markdown())
@@ -95,25 +95,25 @@ def _results(results: Sequence[Row]) -> str:
 
 
 def _result(row: Row) -> dict[str, Any]:
-    seeds = [_number(row[f"{which}_seed"]) for which in ("worst", "median", "best")]
-    lead = _number(row["lead"], "+")
+    seeds = [number(row[f"{which}_seed"]) for which in ("worst", "median", "best")]
+    lead = number(row["lead"], "+")
     if row["lead_low"] is not None:
-        lead += f" ({_interval((row['lead_low'], row['lead_high']))})"
+        lead += f" ({interval_of((row['lead_low'], row['lead_high']))})"
     return {
         "policy": " ".join(filter(None, [row["recipe"], row["policy"]])),
-        "gain ± std of cells": _spread(row["gain"], row["std_of_cells"]),
-        "95% interval": _interval((row["gain_low"], row["gain_high"])),
+        "gain ± std of cells": spread_of(row["gain"], row["std_of_cells"]),
+        "95% interval": interval_of((row["gain_low"], row["gain_high"])),
         "worst / median / best seed": " / ".join(seeds) if (row["seeds"] or 0) > 1 else None,
         "lead over greedy": lead,
         "cells ahead": percent(row["beat_greedy"]),
         "of the limit": percent(row["part_of_limit"]),
         "worst seed, of the limit": percent(row["worst_part_of_limit"]) if row["seeds"] else None,
-        "angle ± std of seeds [°]": _spread(row["angle"], row["std_of_angle"]),
+        "angle ± std of seeds [°]": spread_of(row["angle"], row["std_of_angle"]),
         "swinging broken": percent(row["pattern_broken"]),
-        "wave": _number(row["wave"]),
+        "wave": number(row["wave"]),
         "arrived": percent(row["arrived"]),
-        "mean time": _number(row["mean_lifetime"]),
-        "authors' network": _spread(row["authors"], row["std_of_authors"]),
+        "mean time": number(row["mean_lifetime"]),
+        "authors' network": spread_of(row["authors"], row["std_of_authors"]),
     }
 
 
@@ -127,8 +127,8 @@ def _flow(evidence: Evidence) -> str:
             found = estimate(aware.gain[worst : worst + 1], blind.gain[best : best + 1])
             lines.append(
                 f"- the worst seed of {recipe} aware ({aware.seeds[worst]}) less the best of {other} blind "
-                f"({blind.seeds[best]}): {_number(found.value, '+')}, 95% interval "
-                f"{_interval(found.interval)}\n"
+                f"({blind.seeds[best]}): {number(found.value, '+')}, 95% interval "
+                f"{interval_of(found.interval)}\n"
             )
     return "In the flow, cell by cell:\n\n" + "".join(lines) if lines else ""
 
@@ -139,8 +139,8 @@ def _swinging(evidence: Evidence) -> str:
             "test": name,
             "fitted radius": f"{circle.fitted.mean():.4f}",
             "predicted radius": f"{circle.predicted:.4f}",
-            "farthest off, per radius": _number(float(circle.deviation.max())),
-            "time of a revolution": _number(circle.revolution),
+            "farthest off, per radius": number(float(circle.deviation.max())),
+            "time of a revolution": number(circle.revolution),
         }
         for name, circle in evidence.circles.items()
     ]
@@ -171,7 +171,7 @@ def _drawings(plan: Plan, drawn: Sequence[Drawing]) -> str:
     return "\n".join(parts)
 
 
-def _number(value: float | None, sign: str = "") -> str:
+def number(value: float | None, sign: str = "") -> str:
     if value is None:
         return NOTHING
     if 0 < abs(value) < 5e-4:
@@ -179,13 +179,13 @@ def _number(value: float | None, sign: str = "") -> str:
     return f"{value:{sign}.{2 if abs(value) >= 1 else 3}f}"
 
 
-def _spread(value: float | None, spread: float | None) -> str:
-    return _number(value) if spread is None else f"{_number(value)} ± {_number(spread)}"
+def spread_of(value: float | None, spread: float | None) -> str:
+    return number(value) if spread is None else f"{number(value)} ± {number(spread)}"
 
 
-def _interval(interval: tuple[float | None, float | None] | None) -> str:
-    return NOTHING if interval in (None, (None, None)) else " … ".join(map(_number, interval))
+def interval_of(interval: tuple[float | None, float | None] | None) -> str:
+    return NOTHING if interval in (None, (None, None)) else " … ".join(map(number, interval))
 
 
-def _short(unit: str) -> str:
+def short(unit: str) -> str:
     return {"degrees": "°"}.get(unit, "" if unit.startswith("concentration") else unit)

@@ -6,9 +6,6 @@ with them. Every other file of OUT is written again at the end, each whole, the 
 
 import dataclasses
 import json
-import os
-import shutil
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,29 +13,25 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from swarm._support import files, provenance
+from swarm._support import provenance
 from swarm._support.tables import Table
-from trainers.jobs.executors import Task, executor_for, run_tasks
+from trainers.jobs.executors import Task
 from trainers.paper import report, stacks, tables, zoo
 from trainers.paper.claims import Claim, all_claims
+from trainers.paper.delivery import RECORD, REPORT, ZOO, Delivery, ReproductionError, do, staging
 from trainers.paper.illustrations import FOLDER as FIGURES
 from trainers.paper.illustrations import Drawing, draw_all
 from trainers.paper.measurements import Case, Circle, Evidence, Measured, measure, swinging_circle
 from trainers.paper.plan import EGG, RECORDS, TESTS, Plan, trainings
 from trainers.paper.tables import Findings
-from trainers.training.run_folder import RunError, RunFolder
+from trainers.training.run_folder import RunFolder
 
-RECORD = "reproduction.json"  # settings, versions, commits; it says that a folder is a reproduction's
-CLAIMS, REPORT, RESULTS, SEEDS = "claims.json", "report.md", "results.csv", "seeds.csv"
-WRITING = ".writing."  # what a folder is called that is not whole yet
+CLAIMS, RESULTS, SEEDS = "claims.json", "results.csv", "seeds.csv"
 LIVES = "lives"  # of every cell, a file per test
-FILES = (REPORT, CLAIMS, RESULTS, SEEDS, RECORD, FIGURES, LIVES)
+DELIVERY = Delivery((CLAIMS, RESULTS, SEEDS), (FIGURES, LIVES))
+FILES = (REPORT, *DELIVERY.files, RECORD, *DELIVERY.folders)
 DIGITS = 6  # of numbers in tables
 KEPT = {"drift": ("axis",)} | dict.fromkeys(("gain", "arrived", "lifetime", "wave", "winding", "broken"), ())
-
-
-class ReproductionError(RunError):
-    """A reproduction that cannot go on as asked; the message says why and what can be done."""
 
 
 def reproduce(plan: Plan, out: Path, publish: Path | None = None, *, ship: bool = False) -> list[Claim]:
@@ -49,66 +42,29 @@ def reproduce(plan: Plan, out: Path, publish: Path | None = None, *, ship: bool 
     """
     folders = [out] if publish is None else [out, publish]
     for folder in folders:
-        check_folder(folder)
+        DELIVERY.check(folder)
     if ship and plan.quick:
         raise ReproductionError("--ship must come with policies that are trained, not with --quick")
     planned = [] if plan.quick else trainings(plan, out)
     shipped = stacks.shipped(plan) if plan.quick else {}
     if plan.quick and not shipped:
         raise ReproductionError("no policies are shipped with this copy: leave out --quick to train them")
-    do(plan, stacks.tasks(planned), "trainings")
+    do(plan.workers, stacks.tasks(planned), "trainings")
     trained = shipped or stacks.trained(planned)
     tests = cases(plan, trained)
     gains = {key: each.gains for key, each in trained.items() if each.gains is not None}
     evidence = Evidence(measured(plan, tests), circles(plan, tests), gains)
     recipes = list(dict.fromkeys(recipe for case in tests for recipe in case.recipes))
     found = Findings(plan, planned, trained, tests, evidence, all_claims(evidence, recipes))
-    out.mkdir(parents=True, exist_ok=True)
-    for left in out.glob(WRITING + "*"):  # by a reproduction that was killed
-        shutil.rmtree(left, ignore_errors=True)
-    with tempfile.TemporaryDirectory(prefix=WRITING, dir=out, ignore_cleanup_errors=True) as name:
-        staged = Path(name)
+    with staging(out) as staged:
         write(staged, found, draw(found, recipes, staged))
         for folder in folders[1:]:
-            put_in_place(staged, folder)
-        zoo.keep(staged / zoo.FOLDER, found)
-        put_in_place(staged, out)
+            DELIVERY.put_in_place(staged, folder)
+        zoo.keep(staged / ZOO, found)
+        DELIVERY.put_in_place(staged, out)
     if ship:
         print(f"shipped in {zoo.SHIPPED}: {', '.join(zoo.ship(out))}")
     return list(found.claims)
-
-
-def check_folder(folder: Path) -> None:
-    """Raises ReproductionError where `folder` cannot be written to, or holds files that this would overwrite
-    and did not write.
-    """
-    there = next(path for path in (folder, *folder.parents) if path.exists() or path.is_symlink())
-    if not there.is_dir():
-        raise ReproductionError(f"{folder} must be a folder, but {there} is a file")
-    if not os.access(there, os.W_OK):
-        raise ReproductionError(f"{folder} must be a folder to write to, but {there} is read-only")
-    mine = [name for name in (*FILES, zoo.FOLDER) if (folder / name).exists()]
-    if mine and RECORD not in mine:
-        raise ReproductionError(
-            f"{folder} must be a new folder or that of an earlier reproduction: {folder / mine[0]} is "
-            f"there, but no {RECORD}"
-        )
-
-
-def do(plan: Plan, tasks: Sequence[Task], what: str) -> list[Any]:
-    """Results of all tasks; raises ReproductionError that names those that failed."""
-    results = run_tasks(tasks, executor_for(plan.workers), title=what)
-    failed = [
-        f"{task.label}: {result}"
-        for task, result in zip(tasks, results, strict=True)
-        if isinstance(result, Exception)
-    ]
-    if failed:
-        raise ReproductionError(
-            f"{len(failed)} of {len(tasks)} {what} failed: {'; '.join(failed)}; the same command goes on "
-            "with them"
-        )
-    return results
 
 
 # --- tests and figures --------------------------------------------------------------------------------------
@@ -139,7 +95,7 @@ def measured(plan: Plan, tests: Sequence[Case]) -> dict[str, Measured]:
         return policies * case.world.max_decisions * (5.0 if case.world.in_flow else 1.0)
 
     tasks = [Task(case.name, measure, (case,), work(case)) for case in tests]
-    return dict(zip([case.name for case in tests], do(plan, tasks, "tests"), strict=True))
+    return dict(zip([case.name for case in tests], do(plan.workers, tasks, "tests"), strict=True))
 
 
 def circles(plan: Plan, tests: Sequence[Case]) -> dict[str, Circle]:
@@ -157,7 +113,7 @@ def draw(found: Findings, recipes: Sequence[str], folder: Path) -> list[Drawing]
     shown = [case._replace(cells=fewer if case.name == EGG else few) for case in found.tests]
     curves = {key: each.curve for key, each in found.trained.items() if each.curve is not None}
     tasks = [Task(recipe, draw_all, (recipe, curves, shown, folder)) for recipe in recipes]
-    return [each for drawn in do(found.plan, tasks, "figures") for each in drawn]
+    return [each for drawn in do(found.plan.workers, tasks, "figures") for each in drawn]
 
 
 # --- files --------------------------------------------------------------------------------------------------
@@ -216,16 +172,3 @@ def as_dataset(case: Case, outcome: Measured) -> xr.Dataset:
     attributes = {"test": case.name, "seed": case.seed, "life": case.world.life}
     attributes |= {} if outcome.limit is None else {"limit": outcome.limit}
     return xr.Dataset(variables, {"policy": names, "axis": ["x", "y"]}, attributes)
-
-
-def put_in_place(staged: Path, out: Path) -> None:
-    """Copy what was written, file by file and each whole: first the record, which says whose folder it is,
-    last the report. What is left of an earlier reproduction goes.
-    """
-    written = {path.relative_to(staged) for path in staged.rglob("*") if path.is_file()}
-    for old in [path for name in (FIGURES, LIVES, zoo.FOLDER) for path in (out / name).rglob("*")]:
-        if old.is_file() and old.relative_to(out) not in written:
-            old.unlink()
-    for path in sorted(written, key=lambda path: (path.name == REPORT, path.name != RECORD)):
-        (out / path).parent.mkdir(parents=True, exist_ok=True)
-        files.write_bytes(out / path, (staged / path).read_bytes())

@@ -16,7 +16,7 @@ from swarm.policies.network import Network, load_policy
 from swarm.policies.policy_file import PolicyError
 from trainers.jobs.executors import Task
 from trainers.paper.measurements import Stack, TrainingGains
-from trainers.paper.plan import Plan, Training, learnt
+from trainers.paper.plan import Training, TrainingPlan, learnt
 from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import run_folder as runs
@@ -164,7 +164,7 @@ def curve_of(table: Mapping[str, np.ndarray], settings: Settings, seeds: Sequenc
     )
 
 
-def shipped(plan: Plan) -> dict[Key, Trained]:
+def shipped(plan: TrainingPlan) -> dict[Key, Trained]:
     """The shipped policies, as stacks of one seed, and their curves."""
     found = {}
     for name in network.zoo_names():

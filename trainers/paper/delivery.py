@@ -1,0 +1,83 @@
+"""What a reproduction does whatever it reproduces: its tasks, and its folder, whose files are each whole."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from swarm._support import files
+from trainers.jobs.executors import Task, executor_for, run_tasks
+from trainers.training.run_folder import RunError
+
+RECORD, REPORT = "reproduction.json", "report.md"
+ZOO = "zoo"  # of a reproduction that trained
+WRITING = ".writing."  # what a folder is called that is not whole yet
+
+
+class ReproductionError(RunError):
+    """A reproduction that cannot go on as asked; the message says why and what can be done."""
+
+
+class Delivery(NamedTuple):
+    """What a reproduction leaves behind: RECORD, which says whose the folder is, REPORT, and these."""
+
+    files: tuple[str, ...]
+    folders: tuple[str, ...]  # whose files are all its own
+
+    def check(self, folder: Path) -> None:
+        """Raises ReproductionError where `folder` cannot be written to, or holds files that this would
+        overwrite and did not write.
+        """
+        there = next(path for path in (folder, *folder.parents) if path.exists() or path.is_symlink())
+        if not there.is_dir():
+            raise ReproductionError(f"{folder} must be a folder, but {there} is a file")
+        if not os.access(there, os.W_OK):
+            raise ReproductionError(f"{folder} must be a folder to write to, but {there} is read-only")
+        names = (REPORT, *self.files, *self.folders, ZOO, RECORD)
+        mine = [name for name in names if (folder / name).exists()]
+        if mine and RECORD not in mine:
+            raise ReproductionError(
+                f"{folder} must be a new folder or that of an earlier reproduction: {folder / mine[0]} is "
+                f"there, but no {RECORD}"
+            )
+
+    def put_in_place(self, staged: Path, out: Path) -> None:
+        """Copy what was written, file by file and each whole: first the record, which says whose folder it
+        is, last the report. What is left of an earlier reproduction goes.
+        """
+        written = {path.relative_to(staged) for path in staged.rglob("*") if path.is_file()}
+        for old in [path for name in (*self.folders, ZOO) for path in (out / name).rglob("*")]:
+            if old.is_file() and old.relative_to(out) not in written:
+                old.unlink()
+        for path in sorted(written, key=lambda path: (path.name == REPORT, path.name != RECORD)):
+            (out / path).parent.mkdir(parents=True, exist_ok=True)
+            files.write_bytes(out / path, (staged / path).read_bytes())
+
+
+@contextmanager
+def staging(out: Path) -> Iterator[Path]:
+    """A folder within `out` that goes again; those of reproductions that were killed go, too."""
+    out.mkdir(parents=True, exist_ok=True)
+    for left in out.glob(WRITING + "*"):
+        shutil.rmtree(left, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix=WRITING, dir=out, ignore_cleanup_errors=True) as name:
+        yield Path(name)
+
+
+def do(workers: int, tasks: Sequence[Task], what: str) -> list[Any]:
+    """Results of all tasks; raises ReproductionError that names those that failed."""
+    results = run_tasks(tasks, executor_for(workers), title=what)
+    failed = [
+        f"{task.label}: {result}"
+        for task, result in zip(tasks, results, strict=True)
+        if isinstance(result, Exception)
+    ]
+    if failed:
+        raise ReproductionError(
+            f"{len(failed)} of {len(tasks)} {what} failed: {'; '.join(failed)}; the same command goes on "
+            "with them"
+        )
+    return results
