@@ -16,7 +16,7 @@ from trainers.settings.composition import settings_from
 
 def contender(*words):
     settings = settings_from(words)
-    return Contender(settings, settings.seed, np.zeros(3), np.zeros(3), None)
+    return Contender(settings, settings.seed, np.zeros((1, 3)), np.zeros((1, 3)), None)
 
 
 def groups(*runs):
@@ -36,7 +36,7 @@ def test_a_run_that_claims_endless_seeds_ends_at_the_first_that_is_not_there(tmp
 
 def test_the_interval_of_a_group_is_over_its_seeds_and_the_cells_they_share():
     gains = np.random.default_rng(0).normal(20.0, 3.0, (1, 40)) + np.array([[0.0], [0.1], [0.3]])
-    members = [contender(f"seed={seed}")._replace(gains=gain) for seed, gain in enumerate(gains)]
+    members = [contender(f"seed={seed}")._replace(gains=gain[None]) for seed, gain in enumerate(gains)]
     row = Group("alike", members).row()
     assert [row["low"], row["high"]] == mean_interval(gains)
     assert row["high"] - row["low"] > 2 * np.ptp(mean_interval(gains.mean(axis=1, keepdims=True)))
