@@ -180,7 +180,7 @@ Cells = Annotated[int | None, typer.Option(help="How many cells; default: as the
 Life = Annotated[float | None, typer.Option(help="Length of a life, t_life; default: alike, or 80.")]
 Seed = Annotated[int, typer.Option(help="Seed of the starts.")]
 NewFolder = Annotated[Path | None, typer.Option(help="New folder for tables, results and figures.")]
-Worlds = typer.Option(help="How many worlds of so many cells; default: 1, of a contest 40.")
+Worlds = typer.Option(help="How many worlds of so many cells; default: as its own, or 1; a contest 40.")
 Against = typer.Option(help="A policy to race against in the same worlds.", metavar="POLICY")
 Share = typer.Option(help="Of the cells, which the first policy steers against the other; default: 0.5.")
 Noise = typer.Option(help="Strength of a perturbation; several draw gain against noise.", metavar="LEVEL,...")
@@ -227,6 +227,7 @@ def evaluate(
 def compare(
     folders: Annotated[list[Path], typer.Argument(help="Folders of finished runs.", metavar="RUN RUN ...")],
     cells: Cells = None,
+    worlds: Annotated[int | None, Worlds] = None,
     seed: Seed = 0,
     out: NewFolder = None,
 ) -> None:
@@ -234,7 +235,7 @@ def compare(
     from swarm._support.terminal import print_table
     from trainers.jobs import comparison
 
-    groups = comparison.compare(folders, cells=40 if cells is None else cells, seed=seed, out=out)
+    groups = comparison.compare(folders, cells=cells, worlds=worlds, seed=seed, out=out)
     table = comparison.table(groups)
     print_table(table.headings, table.texts)
     if out is not None:

@@ -39,7 +39,7 @@ KINDS = {
     "rotation": Kind("rotational_diffusion", "rotational diffusion", "rad^2/time"),
 }
 COLUMNS: dict[str, str] = {  # of the table: what each of them says
-    "gain": "mean gain over the cells",
+    "gain": "mean gain over the cells of all worlds",
     "gain_low": "lower end of the 95% interval of the mean gain",
     "gain_high": "upper end of the 95% interval of the mean gain",
     "std": "standard deviation of the gain over the cells",
@@ -53,7 +53,9 @@ COLUMNS: dict[str, str] = {  # of the table: what each of them says
 class NoiseSweep(NamedTuple):
     """What `sweep_noise` found."""
 
-    results: xr.Dataset  # what noise.nc holds: `COLUMNS` (noise, policy), cell_gain (noise, policy, cell)
+    results: (
+        xr.Dataset
+    )  # what noise.nc holds: `COLUMNS` (noise, policy), cell_gain (noise, policy[, world], cell)
     tests: list[xr.Dataset]  # the population test of each level, without time series
     table: Table  # a row per level and policy
 
@@ -82,11 +84,13 @@ def sweep_noise(
     *,
     kind: str = "concentration",
     cells: int = 40,
+    worlds: int = 1,
     life: float = 200.0,
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
 ) -> NoiseSweep:
-    """Tests a policy and greedy at every level of one perturbation, all on the same starts.
+    """Tests a policy and greedy at every level of one perturbation, all on the same starts, `cells` of them
+    in each of `worlds` worlds.
 
     `levels` rise; their unit is that of the kind (see `KINDS`), and the same random numbers are scaled by
     each. Other perturbations of the world stay as they are. `progress` is called with the number of levels
@@ -94,13 +98,15 @@ def sweep_noise(
     that cannot be had.
     """
     check_count("cells", cells)
+    check_count("worlds", worlds)
     streams.check_seed(seed)
-    worlds = check_levels(levels, kind, world.replace(life=life))
-    contenders = [contender(policy, each) for each in worlds]
+    noisy = check_levels(levels, kind, world.replace(life=life))
+    contenders = [contender(policy, each) for each in noisy]
+    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
     tests = []
-    for each, (_, label, player) in zip(worlds, contenders, strict=True):
+    for each, (_, label, player) in zip(noisy, contenders, strict=True):
         contest = {label: player, RIVAL: Greedy()}
-        test = population_test(each, contest, cells=cells, life=life, seed=seed, record=False, limit=False)
+        test = population_test(each, contest, **sizes, record=False, limit=False)
         tests.append(test)
         if progress is not None:
             progress(len(tests))
@@ -143,12 +149,12 @@ def _row(numbers: dict[str, Any]) -> dict[str, float]:
 def table(results: xr.Dataset) -> Table:
     """A row per level and policy."""
     headings = ["noise", "policy", "gain", "95% interval of the mean", "over greedy", "its 95% interval"]
-    rows = []
+    rows, cells = [], results["start_heading"].size  # of all worlds
     for record in records(results):
         over: list[str | None] = [None] * 3
         if record["policy"] != RIVAL:
             interval = span((record["ahead_low"], record["ahead_high"]), "+.2f")
-            over = [f"{record['ahead']:+.2f}", interval, f"{record['wins']}/{results.sizes['cell']}"]
+            over = [f"{record['ahead']:+.2f}", interval, f"{record['wins']}/{cells}"]
         mean = f"{record['gain']:.2f} ± {record['std']:.2f}"
         interval = span((record["gain_low"], record["gain_high"]))
         rows.append([f"{record['noise']:g}", record["policy"], mean, interval, *over])
@@ -165,6 +171,7 @@ def records(results: xr.Dataset) -> list[dict[str, Any]]:
             "policy": str(name),
             **{column: results[column].sel(noise=level, policy=name).item() for column in COLUMNS},
             "cells": results.sizes["cell"],
+            "worlds": results.sizes.get("world", 1),
             **origin,
         }
         for level in results["noise"].values

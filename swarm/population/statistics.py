@@ -42,11 +42,11 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
             "std": float(gains[i].std()),
             "min": float(gains[i].min()),
             "max": float(gains[i].max()),
-            "ci95": mean_interval(_independent(gains[i], coupled)),
+            "ci95": mean_interval(independent(gains[i], coupled)),
             "fraction_of_limit": fraction_of_limit(float(gains[i].mean()), limit),
             "difference_to_greedy": {
                 "mean": float(ahead[i].mean()),
-                "ci95": mean_interval(_independent(ahead[i], coupled)),
+                "ci95": mean_interval(independent(ahead[i], coupled)),
             },
             "wins": int(np.sum(ahead[i] > 0)),
         }
@@ -54,7 +54,7 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     }
 
 
-def _independent(values: np.ndarray, coupled: bool) -> np.ndarray:
+def independent(values: np.ndarray, coupled: bool) -> np.ndarray:
     """Of values (worlds, cells) those that are independent: the worlds' means, or each."""
     return values.mean(axis=-1) if coupled else values.reshape(-1)
 

@@ -131,6 +131,11 @@ def test_networks_are_shown_the_sensors_of_their_cards():
     assert results.sizes == {"policy": 2, "bound": 2, "world": 2, "cell": 4}
 
 
+def sensing(sensor, features):
+    """A network that reads so many numbers of a sensor in each record."""
+    return make(4 * features, 2, card={**CARD, "features": features, "sensor": sensor})
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -144,6 +149,14 @@ def test_networks_are_shown_the_sensors_of_their_cards():
             "policy 'b' must be able",
         ),
         ({"policies": {"a": Greedy(), "b": make(12, 2, card={**CARD, "n_records": 6})}}, "n_records = 6"),
+        *(
+            ({"policies": {"a": Greedy(), "b": network}, "worlds": 10**9}, f"policy 'b' must .*: {rule}, got")
+            for network, rule in (
+                (sensing("memory_with_traits", 4), "sensor memory_with_traits must go with .* a spread"),
+                (sensing("memory_with_flow", 5), "sense_flow must go with a flow .*"),
+                (sensing("memory_with_light", 3), "sensor must be one of .*"),
+            )
+        ),
         ({"cells": 1}, "shares must leave every policy a cell of 1"),
     ],
     ids=str,

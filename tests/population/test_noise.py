@@ -56,6 +56,23 @@ def test_a_single_cell_has_no_intervals_and_origin_is_told():
     assert {"versions", "commit", "world", "life"} <= set(done.results.attrs)
 
 
+def test_wins_are_of_the_cells_of_all_worlds_and_intervals_over_what_is_independent():
+    eating = {"box": ((-5, 5), (-5, 5)), "shape": (64, 64), "edges": "periodic", "leaving": "wrap"}
+    world = World(start_box=((-1, 1), (-1, 1)))
+    shared = world.replace(medium={**eating, "diffusivity": 0.1, "uptake": 0.01})
+    for each, worlds in ((world, 3), (shared, 3), (shared, 1)):
+        done = sweep_noise(Random(), each, (0.0, 0.1), cells=2, worlds=worlds, life=3)
+        found, dims = done.results, ("world", "cell") if worlds > 1 else ("cell",)
+        assert found["cell_gain"].dims == ("noise", "policy", *dims)
+        numbers = [statistics(test)["random"] for test in done.tests]
+        expected = [row["ci95"] or [np.nan] * 2 for row in numbers]
+        intervals = np.stack([found["gain_low"], found["gain_high"]], axis=-1)[:, 0]
+        np.testing.assert_array_equal(intervals, expected)
+        assert np.isnan(intervals).all() == (worlds == 1)
+        assert done.table.rows[0][-1] == f"{numbers[0]['wins']}/{2 * worlds}"
+        assert {(row["cells"], row["worlds"]) for row in noise.records(found)} == {(2, worlds)}
+
+
 @pytest.mark.parametrize(
     ("levels", "options", "message"),
     [
@@ -64,6 +81,7 @@ def test_a_single_cell_has_no_intervals_and_origin_is_told():
         ((0.0, float("inf")), {"kind": "curvature"}, "curvature_noise must be a finite number"),
         ((0.0,), {"kind": "rotational"}, "kind must be one of .*did you mean 'rotation'"),
         ((0.0,), {"cells": 0}, "cells must be a whole number of at least 1, got 0"),
+        ((0.0,), {"worlds": 0}, "worlds must be a whole number of at least 1, got 0"),
         ((0.0, 0.1), {"policy": "optimal"}, "Optimal needs no perturbations"),
         ((0.0, 0.1), {"policy": "greeedy"}, "did you mean 'greedy'"),
     ],

@@ -100,7 +100,7 @@ def test_train_refuses_what_it_cannot_do(words, said):
 
 
 def test_train_makes_a_folder_shows_its_settings_trains_and_tests():
-    code, out, _ = run("train", "seed=5", "evaluate=true", *SHORT)
+    code, out, _ = run("train", "seed=5", "evaluate=true", "evaluation.worlds=2", *SHORT)
     assert code == 0
     (folder,) = Path("runs").iterdir()
     assert folder.name.startswith("linear_n4-swarm-seed5-")
@@ -110,7 +110,7 @@ def test_train_makes_a_folder_shows_its_settings_trains_and_tests():
     assert load_policy(folder).card["seed"] == 5
     summary = folder / "evaluation" / "summary.json"
     first = json.loads(summary.read_text())
-    assert (first["cells"], first["life"]) == (3, 4.0)
+    assert (first["cells"], first["worlds"], first["life"]) == (3, 2, 4.0)
     summary.parent.rename("elsewhere")
     code, out, _ = run("train", f"resume={folder}")
     assert code == 0
@@ -147,7 +147,8 @@ def test_show_only_shows():
         (["greedy", "--against", "randm", "--experiment", "radial"], "did you mean 'random'?"),
         (["zoo:radial", "--against", "zoo:linear_n8"], "policy 'zoo:linear_n8' must be able to steer cells"),
         (["zoo:radial", "--against", "greedy", "--worlds", "7"], "worlds must be a multiple of 2"),
-        (["greedy", "--worlds", "2", "--noise", "0,0.1"], "--noise must be one level with"),
+        (["greedy", "--against", "random", "--noise", "0,0.1"], "--noise must be one level with --against"),
+        (["greedy", "--worlds", "0", "--noise", "0,0.1"], "worlds must be a whole number of at least 1"),
         (["greedy", "--worlds", "0"], "worlds must be a whole number of at least 1, got 0"),
         (["greedy", "--noise", "0,0.1", "--out", "taken"], "taken must be a new or an empty folder"),
         (["policy.safetensors", "--experiment", "linear_n8"], "must fit what the world's cells observe"),

@@ -7,16 +7,25 @@ import numpy as np
 import pytest
 import yaml
 
+from swarm.policies.network import save_policy
 from swarm.policies.policy_file import PolicyError
 from swarm.population.statistics import mean_interval
+from tests.policies.test_network import make
 from trainers.jobs import comparison
 from trainers.jobs.comparison import Contender, Group, compare, grouped
 from trainers.settings.composition import settings_from
+from trainers.training.run_folder import RunFolder
+
+EATING = [
+    "learning.n_swimmers=3",
+    "world.start_box=[[-1,1],[-1,1]]",
+    "world.medium={box:[[-5,5],[-5,5]],shape:[64,64],edges:periodic,leaving:wrap,diffusivity:0.1,uptake:0.01}",
+]
 
 
 def contender(*words):
     settings = settings_from(words)
-    return Contender(settings, settings.seed, np.zeros(3), np.zeros(3), None)
+    return Contender(settings, settings.seed, np.zeros((1, 3)), np.zeros((1, 3)), None)
 
 
 def groups(*runs):
@@ -36,12 +45,44 @@ def test_a_run_that_claims_endless_seeds_ends_at_the_first_that_is_not_there(tmp
 
 def test_the_interval_of_a_group_is_over_its_seeds_and_the_cells_they_share():
     gains = np.random.default_rng(0).normal(20.0, 3.0, (1, 40)) + np.array([[0.0], [0.1], [0.3]])
-    members = [contender(f"seed={seed}")._replace(gains=gain) for seed, gain in enumerate(gains)]
+    members = [contender(f"seed={seed}")._replace(gains=gain[None]) for seed, gain in enumerate(gains)]
     row = Group("alike", members).row()
     assert [row["low"], row["high"]] == mean_interval(gains)
     assert row["high"] - row["low"] > 2 * np.ptp(mean_interval(gains.mean(axis=1, keepdims=True)))
     short = Group("short", [each._replace(limit=-0.1) for each in members]).row()  # lives of less than a turn
     assert (short["limit"], short["fraction_of_limit"]) == (pytest.approx(-0.1), None)
+
+
+def test_units_of_an_interval_are_worlds_where_their_cells_are_coupled():
+    gains = np.random.default_rng(0).normal(20.0, 3.0, (2, 6, 5))
+    crowded = [contender(f"seed={seed}", "experiment=race") for seed in range(2)]
+    row = Group("race", [each._replace(gains=gain) for each, gain in zip(crowded, gains, strict=True)]).row()
+    assert [row["low"], row["high"]] == mean_interval(gains.mean(axis=-1))
+    assert (row["worlds"], row["cells"]) == (6, 5)
+    one = Group("one world", [each._replace(gains=gains[i, :1]) for i, each in enumerate(crowded)])
+    assert (one.row()["low"], comparison.table([one]).rows[0][3]) == (None, None)
+    free = Group("free", [contender(f"seed={i}")._replace(gains=gains[i]) for i in range(2)]).row()
+    assert [free["low"], free["high"]] == mean_interval(gains.reshape(2, -1))
+
+
+@pytest.mark.parametrize(
+    ("words", "options", "sizes"),
+    [
+        (["experiment=race", "learning.n_swimmers=3"], {}, (1, 20)),  # which the experiment says
+        (EATING, {}, (1, 3)),
+        ([*EATING, "evaluation.worlds=2"], {}, (2, 3)),
+        (EATING, {"cells": 2, "worlds": 4}, (4, 2)),
+        (["learning.n_swimmers=3", "evaluation.cells=7"], {}, (1, 40)),
+        (["learning.n_swimmers=3"], {"worlds": 2}, (2, 40)),
+    ],
+)
+def test_coupled_runs_are_compared_in_the_crowd_of_their_tests(words, options, sizes, tmp_path):
+    words = ["algorithm=ppo", "evaluation.life=1", *words]
+    folder = RunFolder.create(tmp_path / "run", settings := settings_from(words))
+    save_policy(make(settings.layers[0], 6, settings.layers[-1]), folder.policy)
+    folder.mark_finished()
+    (group,) = compare([folder.path], **options)
+    assert group.members[0].gains.shape == sizes
 
 
 def test_runs_that_differ_in_the_seed_alone_are_one_group():

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -208,3 +209,24 @@ def test_parts_of_a_world_have_parameters_of_which_all_are_stored():
     }
     assert made.evaluation.field["egg_radius"] == made.test_world().egg[1]
     assert settings_from_stored(dataclasses.asdict(made)) == made
+
+
+COUPLED = "world.interactions=[{type: contact, diameter: 0.05, stiffness: 20.0}]"
+
+
+@pytest.mark.parametrize(
+    ("words", "cells"),
+    [
+        ([], (40, 40)),
+        ([COUPLED], (7, 7)),
+        ([COUPLED, "evaluation.cells=5"], (7, 5)),
+        ([COUPLED, "validation.cells=4", "evaluation.cells=5"], (4, 5)),
+        ([COUPLED, "recipe=swarm"], (100, 7)),  # which the recipe says
+        (["experiment=film"], (200, 200)),
+    ],
+)
+def test_coupled_cells_are_tested_in_the_crowd_that_was_trained_in(words, cells):
+    recipe = [] if "recipe=swarm" in words else ["recipe=paper"]
+    made = settings_from(["learning.n_swimmers=7", *recipe, *words])
+    for each in (made, settings_from_stored(yaml.safe_load(made.as_yaml()))):
+        assert (each.validation.cells, each.evaluation.cells) == cells

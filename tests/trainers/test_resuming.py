@@ -15,6 +15,22 @@ from trainers.training import run as running
 from trainers.training.run_folder import RunFolder
 from trainers.training.validation import Validation
 
+CROWD = {
+    "medium": {
+        "box": [[2.0, 8.0], [-3.0, 3.0]],
+        "shape": [32, 32],
+        "edges": "periodic",
+        "leaving": "wrap",
+        "diffusivity": 0.024,
+        "uptake": 0.05,
+        "substeps": 2,
+    },
+    "interactions": [{"type": "contact", "diameter": 0.5, "stiffness": 20.0}],
+    "spread": {"speed": 0.1},
+    "interval_rule": "common",
+    "start_box": [[4.0, 6.0], [-1.0, 1.0]],
+    "life": 2.5,
+}
 SETTINGS = {
     "swarm": short_settings(),
     "paper": short_settings("paper"),
@@ -24,6 +40,10 @@ SETTINGS = {
     ),
     "exact intervals": short_settings(
         "paper", n_seeds=2, world={"varying_speed": True, "interval_rule": "exact", "curvature_noise": 0.1}
+    ),
+    "crowd": short_settings(world=CROWD, learning={"n_worlds": 2}, validation={"life": 2.0}),
+    "crowd, central critic": short_settings(
+        "ppo", world=CROWD, learning={"critic": "central"}, validation={"life": 2.0}
     ),
 }
 PHASES = {
@@ -38,7 +58,7 @@ PHASES = {
 
 # Every phase with some settings, and all settings in the phases where they differ.
 PAIRS = [(name, phase) for name in ("swarm", "seeds, noise, clocks") for phase in PHASES]
-PAIRS += [(name, phase) for name in list(SETTINGS)[1:] for phase in ("collecting", "writing checkpoints")]
+PAIRS += [(name, phase) for name in list(SETTINGS)[1:-1] for phase in ("collecting", "writing checkpoints")]
 PAIRS = sorted(set(PAIRS))
 
 

@@ -14,9 +14,9 @@ from swarm._support.terminal import dispensable
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
 from swarm.population.results import RIVAL
-from swarm.population.statistics import fraction_of_limit, mean_interval
+from swarm.population.statistics import fraction_of_limit, independent, mean_interval
 from trainers.settings.composition import by_value, settings_from_stored
-from trainers.settings.schema import Settings
+from trainers.settings.schema import CELLS, Settings
 from trainers.training import run_folder as runs
 from trainers.training.run_folder import RunError, RunFolder
 
@@ -29,8 +29,8 @@ class Contender(NamedTuple):
 
     settings: Settings
     seed: int
-    gains: np.ndarray  # (cells,)
-    greedy: np.ndarray  # (cells,)
+    gains: np.ndarray  # (worlds, cells)
+    greedy: np.ndarray  # (worlds, cells)
     limit: float | None
 
 
@@ -46,13 +46,20 @@ class Group(NamedTuple):
         return np.array([member.gains.mean() for member in self.members])
 
     def row(self) -> dict[str, Any]:
-        """What the table says of the group; low and high: 95% interval of the mean, over seeds and cells."""
+        """What the table says of the group; low and high: 95% interval of the mean, over seeds and cells, or
+        worlds where the cells of one are coupled; None with a single one.
+        """
         means, limits = self.means, [member.limit for member in self.members]
-        low, high = mean_interval(np.stack([member.gains for member in self.members])) or (None, None)
+        coupled = self.members[0].settings.test_world().is_shared
+        units = np.stack([independent(member.gains, coupled) for member in self.members])
+        low, high = (mean_interval(units) if units.shape[1] > 1 else None) or (None, None)
+        worlds, cells = self.members[0].gains.shape
         limit = None if None in limits else float(np.mean(np.array(limits, float)))
         return {
             "runs": self.label,
             "seeds": len(means),
+            "worlds": worlds,
+            "cells": cells,
             "mean": float(means.mean()),
             "low": low,
             "high": high,
@@ -65,10 +72,17 @@ class Group(NamedTuple):
 
 
 def compare(
-    folders: Sequence[Path], *, cells: int = 40, seed: int = 0, out: Path | None = None
+    folders: Sequence[Path],
+    *,
+    cells: int | None = None,
+    worlds: int | None = None,
+    seed: int = 0,
+    out: Path | None = None,
 ) -> list[Group]:
-    """Test the policies of finished runs on the same cells; writes comparison.csv, comparison.json and
-    comparison.png.
+    """Test the policies of finished runs on the same cells, so many in each of `worlds` worlds; writes
+    comparison.csv, comparison.json and comparison.png.
+
+    By default 40 cells of one world; where cells are coupled, as many as the runs' own tests have.
 
     Folders that hold no run are passed over where others do. Raises RunError where none does or a run is not
     finished.
@@ -82,9 +96,9 @@ def compare(
     for folder in found:
         if not RunFolder(folder).finished:
             raise RunError(f"{folder} must be finished; to go on with it: swarm train resume={folder}")
-    groups = grouped([each for folder in found for each in _tested(folder, cells, seed)])
+    groups = grouped([each for folder in found for each in _tested(folder, cells, worlds, seed)])
     if out is not None:
-        _write(out, groups, {"runs": [str(path) for path in found], "cells": cells, "seed": seed})
+        _write(out, groups, {"runs": [str(path) for path in found], "seed": seed})
     return groups
 
 
@@ -141,12 +155,17 @@ def table(groups: Sequence[Group]) -> Table:
     return Table(headings, rows)
 
 
-def _tested(folder: Path, cells: int, seed: int) -> list[Contender]:
+def _tested(folder: Path, cells: int | None, worlds: int | None, seed: int) -> list[Contender]:
     run, stored = RunFolder.open(folder)
     settings = settings_from_stored(stored, run.path)
     policies = {str(each): load_policy(path) for each, path in run.policies(settings)}
     world = settings.test_world()
-    results = population_test(world, policies, cells=cells, life=world.life, seed=seed, record=False)
-    gains = dict(zip(results["policy"].values, results["gain"].values, strict=True))
+    own = settings.evaluation
+    usual = (own.cells, own.worlds) if world.is_shared else (CELLS, 1)
+    cells, worlds = (usual[0] if cells is None else cells), (usual[1] if worlds is None else worlds)
+    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": world.life, "seed": seed}
+    results = population_test(world, policies, **sizes, record=False)
+    lived = results["gain"].transpose("policy", ..., "cell").values.reshape(-1, worlds, cells)
+    gains = dict(zip(results["policy"].values, lived, strict=True))
     greedy, limit = gains.pop(RIVAL), results.attrs.get("limit")
     return [Contender(settings, int(name), gain, greedy, limit) for name, gain in gains.items()]

@@ -44,12 +44,14 @@ def trial(
     if share is not None and against is None:
         raise ValueError(f"--share must come with --against, got {share:g} alone")
     strengths = noise.levels_of(levels)
-    if len(strengths) > 1 and (against is not None or worlds is not None):
-        raise ValueError(f"--noise must be one level with --against or --worlds, got {len(strengths)}")
+    if len(strengths) > 1 and against is not None:
+        raise ValueError(f"--noise must be one level with --against, got {len(strengths)}")
     settings = settings_of(policy, experiment)
     world, test = settings.test_world(), settings.evaluation
     options: dict[str, Any] = {"life": test.life if life is None else life, "seed": seed}
-    options["cells"] = (test.cells if against is None else 40) if cells is None else cells
+    usual = (test.cells, test.worlds) if against is None else (40, 40)
+    options["cells"] = usual[0] if cells is None else cells
+    options["worlds"] = usual[1] if worlds is None else worlds
     kind = kind or "concentration"
     if len(strengths) > 1:
         with Progress("levels of noise", len(strengths)) as bar:
@@ -57,9 +59,8 @@ def trial(
         return Trial(swept.table, functools.partial(save_noise_sweep, swept))
     (world,) = noise.check_levels(strengths, kind, world) if strengths else [world]
     if against is not None:
-        options |= {"share": 0.5 if share is None else share, "worlds": 40 if worlds is None else worlds}
+        options["share"] = 0.5 if share is None else share
         results = evaluation.compete(policy, against, world, **options)
         return Trial(contests.table(results), functools.partial(save_contest, results))
-    options["worlds"] = 1 if worlds is None else worlds
     tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
     return Trial(tested.table, functools.partial(save_evaluation, tested), tested)

@@ -76,6 +76,8 @@ def settings_from(words: Sequence[str] = ()) -> Settings:
             raise SettingsError(f"{key} must have a value, got '???'")
         # An interpolation may name a key that neither a file nor a word gives.
         defaults = dataclasses.asdict(checked({"algorithm": chosen.algorithm}))
+        for section in ("validation", "evaluation"):
+            del defaults[section]["cells"]  # which follow from the world where they are left out
         values = OmegaConf.to_container(OmegaConf.merge(defaults, chosen), resolve=True)
     except SettingsError:
         raise

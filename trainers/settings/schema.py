@@ -20,7 +20,12 @@ from swarm.physics.world.rules import PARTS, as_data
 from swarm.policies.policy_file import MAX_FILE, MAX_HEADER, MAX_LAYERS, MAX_WIDTH
 from trainers.settings.learning import ALGORITHMS, RULES, Count, Flag, LearningSettings, Positive, Whole
 
+CELLS = 40  # of a population whose cells are independent
 MAX_PLACE = 1e5  # [length] of a start, where float32 tells places 0.008 apart
+
+
+# Where it is left out: the crowd that was trained in where cells share their world, else `CELLS`.
+_CROWD: Any = Field(default=None, validate_default=False)
 
 
 @dataclass(config=RULES, frozen=True, kw_only=True)
@@ -29,7 +34,7 @@ class ValidationSettings:
     tested on.
     """
 
-    cells: Count = 40
+    cells: Count = _CROWD
     life: Positive = 200.0  # t_life [time]
     every: Count = 20  # epochs
 
@@ -39,7 +44,8 @@ class EvaluationSettings:
     """The test after training, on fresh cells."""
 
     field: Any = None  # the field of the test where it differs from training, as `world.field`
-    cells: Count = 40
+    cells: Count = _CROWD  # in each world
+    worlds: Count = 1
     life: Positive = 200.0  # t_life in tests, paper table 1
     seed: Whole = 0
 
@@ -94,7 +100,11 @@ class Settings:
             self.training_world().replace(life=self.validation.life)
         with _naming("evaluation"):
             field = _plain("field", self.evaluation.field, self.test_world().field)
-        object.__setattr__(self, "evaluation", dataclasses.replace(self.evaluation, field=field))
+        cells = self.learning.n_swimmers if self.training_world().is_shared else CELLS
+        for name, changes in (("validation", {}), ("evaluation", {"field": field})):
+            section = getattr(self, name)
+            changes = changes | ({"cells": cells} if section.cells is None else {})
+            object.__setattr__(self, name, dataclasses.replace(section, **changes))
         _check_network(self.layers)
         return self
 

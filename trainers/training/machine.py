@@ -24,8 +24,9 @@ def check_machine(settings: Settings) -> None:
         if settings.evaluate:
             test = settings.evaluation
             rule = "evaluation.cells must be fewer, or evaluation.life shorter, got"
-            needed = contest.memory_needed(settings.test_world(), test.cells)
-            check_memory(needed, f"{rule} {test.cells} and {test.life:g}")
+            cells = test.cells * test.worlds
+            needed = contest.memory_needed(settings.test_world(), cells)
+            check_memory(needed, f"{rule} {cells} and {test.life:g}")
     except ValueError as error:
         raise SettingsError(str(error)) from None
 

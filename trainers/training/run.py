@@ -117,7 +117,7 @@ def _test(settings: Settings, run: RunFolder) -> Evaluation | None:
     folder, wanted = run.path / runs.TEST, settings.evaluation
     if not settings.evaluate or folder.exists():
         return None
-    options: dict[str, Any] = {"cells": wanted.cells, "life": wanted.life, "seed": wanted.seed}
+    options = {name: getattr(wanted, name) for name in ("cells", "worlds", "life", "seed")}
     tested = evaluate(run.path, settings.test_world(), experiment=settings.experiment, **options)
     save_evaluation(tested, folder)
     return tested
