@@ -54,14 +54,18 @@ def test_the_longest_task_is_begun_first():
 
 
 @pytest.fixture
-def no_finalizers():
-    """Collects no garbage meanwhile: Python drops a KeyboardInterrupt that comes within a finalizer."""
+def heard():
+    """Ctrl-C arrives: no other handler is left, and no garbage collected meanwhile, because Python drops a
+    KeyboardInterrupt that comes within a finalizer.
+    """
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     gc.disable()
     yield
     gc.enable()
+    signal.signal(signal.SIGINT, before)
 
 
-def test_an_interruption_ends_every_process_and_says_how_to_go_on(no_finalizers):
+def test_an_interruption_ends_every_process_and_says_how_to_go_on(heard):
     threading.Timer(1.5, os.kill, (os.getpid(), signal.SIGINT)).start()
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt, match="goes on from there"):

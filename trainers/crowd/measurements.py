@@ -5,7 +5,6 @@ worlds, in shear, where nobody meets, cells.
 """
 
 import hashlib
-import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarm._support import files, provenance
+from swarm._support import provenance, tensors
 from swarm.physics.starts import draw_starts, draw_worlds
 from swarm.policies.policy import AnyPolicy
 from swarm.policies.strategies import Greedy
@@ -134,18 +133,15 @@ _MEASURED = {UPTAKE: _eating, FINE: _eating, RACE: _racing, SHEAR: _searching, F
 
 def kept(point: Point, folder: Path) -> dict[str, Sample]:
     """What `folder` holds of this very point and these policies, else what is measured now, and kept."""
-    path = folder / f"{point.name}.{_digest(point)}.npz"
+    path = folder / f"{point.name}.{_digest(point)}.safetensors"
     if path.exists():
-        with np.load(io.BytesIO(files.read_bytes(path, at_most=2**28)), allow_pickle=False) as stored:
-            return _unpacked(stored)
+        return _unpacked(tensors.read(path, lambda card, shapes: None, at_most=2**28)[0])
     found = measure(point)
     packed: dict[str, Any] = {f"{kind}/seeds": np.array(each.seeds, int) for kind, each in found.items()}
     for kind, each in found.items():
         packed |= {f"{kind}/{name}": values for name, values in each.numbers.items()}
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **packed)
     folder.mkdir(parents=True, exist_ok=True)
-    files.write_bytes(path, buffer.getvalue())
+    tensors.write(path, packed, {"point": point.name})
     return found
 
 
