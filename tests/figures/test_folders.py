@@ -52,7 +52,7 @@ def test_the_folder_of_a_sweep_holds_table_results_and_figure_with_their_origin(
     with xr.open_dataset(out / "noise.nc", engine="h5netcdf") as stored:
         assert stored.load().identical(done.results)
     rows = pd.read_csv(out / "noise.csv")
-    assert list(rows) == ["kind", "noise", "policy", *COLUMNS, "cells", "life", "seed", "commit"]
+    assert list(rows) == ["kind", "noise", "policy", *COLUMNS, "cells", "worlds", "life", "seed", "commit"]
     assert rows[["kind", "noise", "policy"]].values.tolist() == [
         ["curvature_noise", level, name] for level in (0.0, 0.1) for name in ("dqn", "greedy")
     ]
