@@ -234,7 +234,7 @@ def test_users_bring_their_own_interaction():
         ({"interactions": 3}, "interactions must be objects with drift.*, got 3"),
         (
             {"interactions": "contacts"},
-            "interactions must be one of contact, dipole, .*'contacts'; did",
+            "interactions must be one of .*contact, dipole, .*'contacts'; did",
         ),
         (
             {"interactions": {"type": "contact", "diameter": -1}},

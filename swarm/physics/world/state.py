@@ -30,7 +30,7 @@ class State(NamedTuple):
     @property
     def pose(self) -> Pose:
         """Position and heading."""
-        return Pose(self.position, self.heading)
+        return pose_of(self)
 
     def each(self, function: Callable[..., Any], *others: State) -> Self:
         """The state of what `function` makes of each array, together with those of others."""
@@ -49,6 +49,11 @@ class State(NamedTuple):
                 *(arrays[f"{name}.medium.{field}"] for field in MediumState._fields)
             )
         return cls(**parts)
+
+
+def pose_of(state: State) -> Pose:
+    """Position and heading, apart from `State.pose` because torch 2.9 compiles no property of a tuple."""
+    return Pose(state.position, state.heading)
 
 
 class Outcome(NamedTuple):

@@ -34,7 +34,7 @@ from swarm.physics.motion.domain import kept
 from swarm.physics.motion.swimmer import Interval
 from swarm.physics.perception import Situation
 from swarm.physics.world.parameters import Parameters
-from swarm.physics.world.state import NOISE_CHANNELS, Outcome, State, check_noise, check_start
+from swarm.physics.world.state import NOISE_CHANNELS, Outcome, State, check_noise, check_start, pose_of
 
 Array = Any
 
@@ -140,7 +140,7 @@ class World(Parameters):
             xp = namespace(noise)
             turn = noise[..., 2] * (2 * self.rotational_diffusion * interval.length) ** 0.5
             pose = Pose(pose.position, unit(*turned(components(pose.heading), xp.cos(turn), xp.sin(turn))))
-        swum, (pose, left) = pose, kept(self.domains, pose, state.pose)
+        swum, (pose, left) = pose, kept(self.domains, pose, pose_of(state))
         concentration = sensed = self._concentration(pose.position, interval.count, medium)
         if self.concentration_noise > 0:
             sensed = concentration + self.concentration_noise * noise[..., 0]
@@ -188,9 +188,9 @@ class World(Parameters):
         began = None if self.is_steady else self.time(state)
         company = self.swimmer.company
         if company is None:
-            return self.swimmer.swim(state.pose, interval, began)
+            return self.swimmer.swim(pose_of(state), interval, began)
         arcs = interval.swum, interval.speed, interval.length
-        return company.swim(state.pose, *arcs, ~state.finished, began)
+        return company.swim(pose_of(state), *arcs, ~state.finished, began)
 
     def _medium(self, state: State, interval: Interval, pose: Pose) -> Any:
         """The medium at the end of a decision in which cells ate along their ways."""
@@ -200,7 +200,7 @@ class World(Parameters):
             state.medium,
             functools.partial(frozen, self.field),
             functools.partial(frozen, self.flow),
-            self.swimmer.places(state.pose, interval, pose, self._middles),
+            self.swimmer.places(pose_of(state), interval, pose, self._middles),
             xp.max(interval.length, axis=-1),
             ~state.finished,
             xp.max(self.time(state), axis=-1),
@@ -217,10 +217,10 @@ class World(Parameters):
         """The mean (..., cells) on the way, by three Gauss points [concentration]."""
         start = None if self.is_steady else self.time(state)
         mean = 0.0
-        places = self.swimmer.places(state.pose, interval, pose, tuple(GAUSS))
+        places = self.swimmer.places(pose_of(state), interval, pose, tuple(GAUSS))
         for i, (part, weight) in enumerate(GAUSS.items()):
             field = self.field if start is None else frozen(self.field, start + part * interval.length)
-            place, _ = kept(self.domains, Pose(places[i, ...], pose.heading), state.pose)
+            place, _ = kept(self.domains, Pose(places[i, ...], pose.heading), pose_of(state))
             found = field.concentration(place.position)
             if self.medium is not None:
                 found = self.medium.sense(medium, place.position, found)
@@ -234,7 +234,7 @@ class World(Parameters):
         centre, radius = self.egg
         if path is None:
             length = interval.speed * interval.length
-            part = arrival(state.pose, interval.swum, length, centre, radius)
+            part = arrival(pose_of(state), interval.swum, length, centre, radius)
         else:
             part = arrival_on(path, state.position, pose.position, centre, radius)
         xp = namespace(part)
@@ -318,7 +318,7 @@ class World(Parameters):
             centre, radius = self.egg
             if path is None:
                 length = interval.speed * interval.length
-                terminated = closest_approach(state.pose, interval.swum, length, centre) <= radius
+                terminated = closest_approach(pose_of(state), interval.swum, length, centre) <= radius
             else:
                 terminated = comes_within(path, pose.position, centre, radius)
             terminated = terminated & ~state.finished
