@@ -78,13 +78,24 @@ def watch(
         world, players, shares = rivals(policy, against, world, 0.5 if share is None else share)
         world, player = crowd_of(world, players, shares, cells=cells)
         title, teams = f"{policy} against {against}", Teams(player.names, player.steered_by)
-    suffix = "" if out is None else out.suffix.lower()
-    if out is not None and suffix == PAGE:
+    if out is not None and out.suffix.lower() == PAGE:
         lived = _lived(world, title, player, cells, seed, teams)
         save_page(lived, out, title=title if teams else policy, teams=teams, world=world)
         return
     viewer = Viewer(world, window=out is None, fps=WINDOW_FPS, teams=teams)
     moments = rollout(world, player, draw_starts(world, cells, seed), seed)
+    _show(viewer, moments, out, size, progress)
+
+
+def _show(
+    viewer: Viewer,
+    moments: Iterable[Moment],
+    out: Path | None,
+    size: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    """Lives in a window, or in the film `out`."""
+    suffix = "" if out is None else out.suffix.lower()
     followed = _followed(viewer, moments, FORMS[suffix].frames if out else 1, progress)
     try:
         if out is not None:

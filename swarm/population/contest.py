@@ -58,23 +58,24 @@ def population_test(
     starts = draw_worlds(world, cells, seed, range(episode, episode + worlds), population=population)
     everyone = type(starts)(*(part.reshape(-1, *part.shape[2:]) for part in starts))
     starts = starts if worlds > 1 else everyone
+    drawn: dict[str, Any] = {"population": population, "episode": episode}
     lived = {
-        name: lives(
-            world, policy, starts, seed, name=name, population=population, episode=episode, record=record
-        )
+        name: lives(world, policy, starts, seed, name=name, record=record, **drawn)
         for name, policy in policies.items()
     }
     bound = physical_limit.limit(world, everyone) if limit else None
-    attributes = {
+    return as_dataset(starts, lived, _attributes(world, seed, population, bound))
+
+
+def _attributes(world: World, seed: int, population: str, bound: float | None) -> dict[str, Any]:
+    """What the results of a population test say of it."""
+    return {
         "title": "Population test: the same starts for every policy",
         "population": population,
         **origin(world, seed),
+        **({"coupled": 1} if world.is_shared else {}),
+        **({} if bound is None else {"limit": bound}),
     }
-    if world.is_shared:
-        attributes["coupled"] = 1
-    if bound is not None:
-        attributes["limit"] = bound
-    return as_dataset(starts, lived, attributes)
 
 
 def memory_needed(world: World, cells: int, recorded: int = 3) -> float:

@@ -53,9 +53,8 @@ COLUMNS: dict[str, str] = {  # of the table: what each of them says
 class NoiseSweep(NamedTuple):
     """What `sweep_noise` found."""
 
-    results: (
-        xr.Dataset
-    )  # what noise.nc holds: `COLUMNS` (noise, policy), cell_gain (noise, policy[, world], cell)
+    # What noise.nc holds: `COLUMNS` (noise, policy), cell_gain (noise, policy[, world], cell).
+    results: xr.Dataset
     tests: list[xr.Dataset]  # the population test of each level, without time series
     table: Table  # a row per level and policy
 

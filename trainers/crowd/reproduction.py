@@ -6,7 +6,6 @@ whole.
 """
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from trainers.crowd.report import VERDICTS, CrowdFindings
 from trainers.jobs.executors import Task
 from trainers.paper import stacks, zoo
 from trainers.paper.claims import Claim, all_claims, statements
-from trainers.paper.delivery import RECORD, REPORT, ZOO, Delivery, ReproductionError, do, staging
+from trainers.paper.delivery import RECORD, REPORT, ZOO, Delivery, check_shipping, do, staging, write_json
 from trainers.paper.measurements import Stack
 from trainers.paper.plan import Training, trainings
 from trainers.training import run_folder as runs
@@ -41,8 +40,7 @@ def reproduce(plan: CrowdPlan, out: Path, publish: Path | None = None, *, ship: 
     """
     for folder in (out, publish or out):
         DELIVERY.check(folder)
-    if ship and plan.quick:
-        raise ReproductionError("--ship must come with policies that are trained, not with --quick")
+    check_shipping(ship, plan.quick)
     planned = [] if plan.quick else trainings(plan, out)
     trained = stacks.shipped(plan) if plan.quick else {}
     do(plan.workers, stacks.tasks(planned), "trainings")
@@ -108,8 +106,7 @@ def write(folder: Path, found: CrowdFindings, planned: Sequence[Training]) -> No
     (folder / RESULTS).write_text(Table.of(full).as_csv(DIGITS), encoding="utf-8")
     claims = [each._asdict() for each in found.claims]
     for name, values in ((VERDICTS_FILE, claims), (RECORD, where_from(found.plan, planned))):
-        stored = json.dumps(values, indent=2, allow_nan=False, ensure_ascii=False)
-        (folder / name).write_text(stored + "\n", encoding="utf-8")
+        write_json(folder / name, values)
     (folder / REPORT).write_text(report.text(found, drawn), encoding="utf-8")
 
 

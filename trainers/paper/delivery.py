@@ -1,5 +1,6 @@
 """What a reproduction does whatever it reproduces: its tasks, and its folder, whose files are each whole."""
 
+import json
 import os
 import shutil
 import tempfile
@@ -55,6 +56,18 @@ class Delivery(NamedTuple):
         for path in sorted(written, key=lambda path: (path.name == REPORT, path.name != RECORD)):
             (out / path).parent.mkdir(parents=True, exist_ok=True)
             files.write_bytes(out / path, (staged / path).read_bytes())
+
+
+def check_shipping(ship: bool, quick: bool) -> None:
+    """Raises ReproductionError where nothing is trained that could be shipped."""
+    if ship and quick:
+        raise ReproductionError("--ship must come with policies that are trained, not with --quick")
+
+
+def write_json(path: Path, values: Any) -> None:
+    """Write what a reproduction says of itself."""
+    stored = json.dumps(values, indent=2, allow_nan=False, ensure_ascii=False)
+    path.write_text(stored + "\n", encoding="utf-8")
 
 
 @contextmanager

@@ -5,7 +5,6 @@ with them. Every other file of OUT is written again at the end, each whole, the 
 """
 
 import dataclasses
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,17 @@ from swarm._support.tables import Table
 from trainers.jobs.executors import Task
 from trainers.paper import report, stacks, tables, zoo
 from trainers.paper.claims import Claim, all_claims
-from trainers.paper.delivery import RECORD, REPORT, ZOO, Delivery, ReproductionError, do, staging
+from trainers.paper.delivery import (
+    RECORD,
+    REPORT,
+    ZOO,
+    Delivery,
+    ReproductionError,
+    check_shipping,
+    do,
+    staging,
+    write_json,
+)
 from trainers.paper.illustrations import FOLDER as FIGURES
 from trainers.paper.illustrations import Drawing, draw_all
 from trainers.paper.measurements import Case, Circle, Evidence, Measured, measure, swinging_circle
@@ -43,8 +52,7 @@ def reproduce(plan: Plan, out: Path, publish: Path | None = None, *, ship: bool 
     folders = [out] if publish is None else [out, publish]
     for folder in folders:
         DELIVERY.check(folder)
-    if ship and plan.quick:
-        raise ReproductionError("--ship must come with policies that are trained, not with --quick")
+    check_shipping(ship, plan.quick)
     planned = [] if plan.quick else trainings(plan, out)
     shipped = stacks.shipped(plan) if plan.quick else {}
     if plan.quick and not shipped:
@@ -125,8 +133,7 @@ def write(folder: Path, found: Findings, drawn: Sequence[Drawing]) -> None:
         (folder / name).write_text(Table.of(rows).as_csv(DIGITS), encoding="utf-8")
     claims = [each._asdict() for each in found.claims]
     for name, values in ((CLAIMS, claims), (RECORD, where_from(found))):
-        stored = json.dumps(values, indent=2, allow_nan=False, ensure_ascii=False)
-        (folder / name).write_text(stored + "\n", encoding="utf-8")
+        write_json(folder / name, values)
     (folder / LIVES).mkdir()
     for case in found.tests:
         data = as_dataset(case, found.evidence.cases[case.name])
