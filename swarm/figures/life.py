@@ -56,8 +56,7 @@ def comparison(
 
     `enlarged` shows the path of the window once more, larger.
     """
-    everyone = dict.fromkeys([*style.chosen_policies(results), *results["policy"].values.astype(str)])
-    chosen = style.chosen_policies(results, policies or list(everyone)[:3])
+    chosen = style.chosen_policies(results, policies)
     figure = style.canvas(1.0, 0.52)
     columns = figure.add_gridspec(1, 3, width_ratios=(1.0, 1.35, 1.0))
     lanes = columns[0].subgridspec(len(chosen), 1, hspace=0.12).subplots(sharex=True, squeeze=False)[:, 0]

@@ -24,7 +24,6 @@ from matplotlib.patches import Circle
 from swarm._support import files
 from swarm.physics.motion.domain import inside_all
 from swarm.physics.world import World
-from swarm.population.results import RIVAL
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -144,12 +143,9 @@ def on_dark(colour: str) -> str:
 
 
 def chosen_policies(results: xr.Dataset, policies: Sequence[str] | None = None) -> list[str]:
-    """The `policies`, unless they are given the first of the results and greedy.
-
-    Raises ValueError for one that is not in the results.
-    """
+    """The `policies`, unless they are given all of the results; ValueError for one that is not in them."""
     known = [str(name) for name in results["policy"].values]
-    chosen = list(policies or dict.fromkeys([known[0], RIVAL]))
+    chosen = list(policies or known)
     for name in chosen:
         if name not in known:
             raise ValueError(f"policies must be among {', '.join(known)}, got {name!r}")

@@ -54,6 +54,20 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     }
 
 
+def arrivals(results: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Per policy: `arrived`, the number of cells that reached the egg, and of those the `mean` and the
+    `median` of the time it took; NaN where none did.
+    """
+    found = {}
+    for name in results["policy"].values:
+        lived = results.sel(policy=name)
+        times = lived["arrival_time" if "arrival_time" in results else "lifetime"].values
+        times = times[lived["arrived"].values]
+        mean, median = (float(each(times)) if len(times) else np.nan for each in (np.mean, np.median))
+        found[str(name)] = {"arrived": len(times), "mean": mean, "median": median}
+    return found
+
+
 def independent(values: np.ndarray, coupled: bool) -> np.ndarray:
     """Of values (worlds, cells) those that are independent: the worlds' means, or each."""
     return values.mean(axis=-1) if coupled else values.reshape(-1)
