@@ -20,12 +20,14 @@ from swarm.population.statistics import statistics
 if TYPE_CHECKING:
     import xarray as xr
 
+LIMIT = "limit of the mean"  # over many cells: a single one may gain more
+
 
 @style.styled
 def centrelines(
     results: xr.Dataset, world: World, *, policies: Sequence[str] | None = None, cells: int | None = None
 ) -> Figure:
-    """Centres of curvature of the paths of some `cells`, networks solid and greedy dashed.
+    """Centres of curvature of the paths of some `cells` under the `policies`, by default all.
 
     They lie over the concentration, or in a flow over its speed, with one panel per policy.
     """
@@ -41,7 +43,9 @@ def centrelines(
 def centrelines_and_gains(
     results: xr.Dataset, world: World, *, policies: Sequence[str] | None = None, cells: int | None = 16
 ) -> Figure:
-    """(a) Centrelines of some `cells`, (b) gain of every cell: the paper's figure of a population."""
+    """(a) Centrelines of some `cells`, (b) gain of every cell: the paper's figure of a population, by default
+    under all policies.
+    """
     chosen = style.chosen_policies(results, policies)
     figure = style.canvas(1.0, 0.5)
     left, right = figure.subplots(1, 2, width_ratios=(1.1, 1.2))
@@ -57,9 +61,14 @@ def _centreline(results: xr.Dataset, policy: str, cell: int) -> np.ndarray:
 
 
 def _draw_centrelines(
-    axes: Axes, results: xr.Dataset, policy: str, cells: int | None, *, width: float = 0.9
+    axes: Axes,
+    results: xr.Dataset,
+    policy: str,
+    look: style.Look,
+    cells: int | None,
+    *,
+    width: float = 0.9,
 ) -> None:
-    look = style.look(policy)
     for cell in range(results.sizes["cell"])[:cells]:
         line = _centreline(results, policy, cell)
         axes.plot(*line.T, color=look.colour, linestyle=look.line, linewidth=width, alpha=0.85)
@@ -69,37 +78,56 @@ def _draw_centrelines(
 def _centrelines_panel(
     axes: Axes, results: xr.Dataset, world: World, policies: Sequence[str], cells: int | None
 ) -> None:
+    looks = style.looks(policies)
     for name in reversed(policies):
-        _draw_centrelines(axes, results, name, cells)
+        _draw_centrelines(axes, results, name, looks[name], cells)
     style.around_egg(axes, world)
     style.frame(axes, square=world.egg is not None, narrowest=0.8)
     axes.set(xlabel="$x$", ylabel="$y$")
-    where: dict[str, Any] = {"loc": "best"}
     if isinstance(world.field, LinearField):
         arrow = {"arrowstyle": "-|>", "color": style.INK, "linewidth": 1.0, "shrinkB": 0}
         middle: dict[str, Any] = {"ha": "center", "va": "top", "xycoords": "axes fraction"}
         axes.annotate(r"$\nabla c$", (0.08, 0.99), (0.08, 0.83), arrowprops=arrow, **middle)
     else:
         style.shade_concentration([axes], world)
-        where = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": len(policies)}
-    style.legend(axes, policies, handlelength=1.8, borderaxespad=0.2, **where)
+    style.legend(
+        axes,
+        looks,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.02),
+        ncols=3,
+        handlelength=1.8,
+        columnspacing=1.2,
+    )
+
+
+ACROSS = 4  # panels of a flow, at most, in a row
 
 
 def _flow_panels(results: xr.Dataset, world: World, policies: Sequence[str], cells: int | None) -> Figure:
-    figure = style.canvas(1.0, 0.15)
-    panels = figure.subplots(1, len(policies), sharex=True, sharey=True, squeeze=False)[0]
+    figure, looks = style.canvas(1.0, 0.15), style.looks(policies)
+    rows = -(-len(policies) // ACROSS)
+    across = -(-len(policies) // rows)
+    every = figure.subplots(rows, across, sharex=True, sharey=True, squeeze=False)
+    panels = list(every.flat)[: len(policies)]
     for axes, name in zip(panels, policies, strict=True):
-        _draw_centrelines(axes, results, name, cells)
+        _draw_centrelines(axes, results, name, looks[name], cells)
         style.around_egg(axes, world)
+        axes.set_title(looks[name].label, loc="left")
+    for axes in list(every.flat)[len(policies) :]:
+        axes.set_axis_off()
+    for axes in panels[-across:]:
         axes.set_xlabel("$x$")
-        axes.set_title(style.look(name).label, loc="left")
-    panels[0].set_ylabel("$y$")
+        axes.xaxis.set_tick_params(labelbottom=True)
+    for axes in panels[::across]:
+        axes.set_ylabel("$y$")
     for other in panels[1:]:  # the panels share their scales: the first one makes room for all
         panels[0].update_datalim(other.dataLim.corners())
     style.frame(panels[0])
     (left, right), (bottom, top) = panels[0].get_xlim(), panels[0].get_ylim()
-    width = (style.WIDTH - 1.2) / len(policies)
-    figure.set_size_inches(style.WIDTH, min(9.0, max(2.6, width * (top - bottom) / (right - left) + 0.8)))
+    width = (style.WIDTH - 1.2) / across
+    height = rows * (width * (top - bottom) / (right - left) + 0.8)
+    figure.set_size_inches(style.WIDTH, min(9.0, max(2.6, height)))
 
     def flow_speed(position: np.ndarray) -> np.ndarray:
         return style.in_domain(
@@ -116,7 +144,9 @@ def _flow_panels(results: xr.Dataset, world: World, policies: Sequence[str], cel
 
 @style.styled
 def gains(results: xr.Dataset, *, policies: Sequence[str] | None = None) -> Figure:
-    """Gain of every cell at the end of its life; lines mark the means, and the limit where there is one."""
+    """Gain of every cell at the end of its life, by default under all policies; lines mark the means and,
+    where there is one, the limit of the mean: single cells may lie above it.
+    """
     figure = style.canvas(0.62, 0.42)
     _gains_panel(figure.add_subplot(), results, style.chosen_policies(results, policies))
     return figure
@@ -124,8 +154,8 @@ def gains(results: xr.Dataset, *, policies: Sequence[str] | None = None) -> Figu
 
 def _gains_panel(axes: Axes, results: xr.Dataset, policies: Sequence[str]) -> None:
     numbers, cells, marks = statistics(results), results.sizes["cell"], []
-    for name in policies:
-        look, gain, own = style.look(name), results["gain"].sel(policy=name).values, numbers[name]
+    for name, look in style.looks(policies).items():
+        gain, own = results["gain"].sel(policy=name).values, numbers[name]
         inside, size = look.colour if look.line == "-" else "none", 4.2 if cells <= 100 else 2.4
         shape: dict[str, Any] = {"markerfacecolor": inside, "markersize": size, "markeredgewidth": 0.9}
         axes.plot(range(1, cells + 1), gain, look.marker, color=look.colour, zorder=3, **shape)
@@ -136,7 +166,7 @@ def _gains_panel(axes: Axes, results: xr.Dataset, policies: Sequence[str]) -> No
     limit = results.attrs.get("limit")
     if limit is not None:
         axes.axhline(limit, color=style.INK, linestyle=style.look("optimal").line)
-        marks.append((limit, f"limit\n{limit:.2f}", style.INK))
+        marks.append((limit, f"{LIMIT}\n{limit:.2f}", style.INK))
     low, high = axes.get_ylim()
     axes.set_ylim(low - 0.03 * (high - low), high + 0.05 * (high - low))
     style.label_beside(axes, marks)
@@ -148,13 +178,14 @@ def radial(
 ) -> Figure:
     """(a) One cell's path to the egg with its centreline, (b) several centrelines, over the concentration."""
     name = policy or style.chosen_policies(results)[0]
-    colour = style.look(name).colour
+    look = style.look(name)
+    colour = look.colour
     figure = style.canvas(1.0, 0.43)
     left, right = figure.subplots(1, 2)
     left.plot(*path_of(results, world, name, cell).T, color=colour, linewidth=0.6)
     left.plot(*_centreline(results, name, cell).T, color=style.INK, linewidth=1.2)
     style.mark_start(left, results, cell)
-    _draw_centrelines(right, results, name, cells, width=1.1)
+    _draw_centrelines(right, results, name, look, cells, width=1.1)
     for axes in (left, right):
         style.around_egg(axes, world)
         style.frame(axes, square=True)
@@ -168,26 +199,32 @@ def radial(
 class Curve(NamedTuple):
     """Gains of a validation population during training."""
 
-    epoch: Any  # (epochs,)
-    gain: Any  # (epochs,) or (seeds, epochs)
+    moment: Any  # (moments,) epochs or decisions
+    gain: Any  # (moments,) or (seeds, moments)
     greedy: float | None = None  # the same population's mean gain under greedy
     limit: float | None = None
 
 
 @style.styled
-def training(curves: Mapping[str, Curve] | Curve, *, policy: str = "dqn") -> Figure:
-    """Gain against epoch, one panel per title: the mean over seeds with the band from the worst to the best.
+def training(curves: Mapping[str, Curve] | Curve, *, policy: str = "dqn", label: str = "epoch") -> Figure:
+    """Gain during training, a panel per title: the mean over seeds with the band from the worst to the best.
 
-    `policy` says whose look and name the curves have. Greedy and the limit are drawn in. Titles are
-    Matplotlib's text; `style.plain` takes a name literally.
+    `policy` says whose look and name the curves have, `label` what their moments are; where most of the rise
+    is in the first tenth of them, the axis is logarithmic. Greedy and the limit of the mean are drawn in.
+    Titles are Matplotlib's text; `style.plain` takes a name literally.
     """
     named = {"": curves} if isinstance(curves, Curve) else dict(curves)
     figure = style.canvas(0.62 if len(named) == 1 else 1.0, 0.38)
     panels = figure.subplots(1, len(named), sharey=True, squeeze=False)[0]
+    early = all(map(_rises_early, named.values()))
     for axes, (title, curve) in zip(panels, named.items(), strict=True):
         _training_panel(axes, curve, style.look(policy))
+        if early:
+            decade = 10.0 ** np.floor(np.log10(min(each for each in curve.moment if each > 0)))
+            axes.set_xscale("symlog", linthresh=decade, linscale=0.5)
+            axes.set_xlim(-decade / 10, 1.1 * curve.moment[-1])
         axes.set_title(title, loc="left")
-        axes.set_xlabel("epoch")
+        axes.set_xlabel(label)
     panels[0].set_ylabel(r"gain $\Delta c$")
     style.legend_above(figure, panels[0])
     if len(named) > 1:
@@ -195,18 +232,25 @@ def training(curves: Mapping[str, Curve] | Curve, *, policy: str = "dqn") -> Fig
     return figure
 
 
+def _rises_early(curve: Curve) -> bool:
+    """Whether most of the rise of the mean over seeds is in the first tenth of the moments, 0 among them."""
+    moment, gain = np.asarray(curve.moment), np.atleast_2d(np.asarray(curve.gain, float)).mean(axis=0)
+    early = gain[moment <= moment[-1] / 10]
+    return moment[0] == 0 and 1 < len(early) < len(gain) and np.ptp(early) > np.ptp(gain) / 2
+
+
 def _training_panel(axes: Axes, curve: Curve, look: style.Look) -> None:
-    epoch, gain = np.asarray(curve.epoch), np.atleast_2d(np.asarray(curve.gain, float))
+    moment, gain = np.asarray(curve.moment), np.atleast_2d(np.asarray(curve.gain, float))
     rival = style.look(RIVAL)
     if curve.limit is not None:
-        axes.axhline(curve.limit, color=style.INK, linestyle=style.look("optimal").line, label="limit")
+        axes.axhline(curve.limit, color=style.INK, linestyle=style.look("optimal").line, label=LIMIT)
     if len(gain) > 1:
         band = gain.min(axis=0), gain.max(axis=0)
-        axes.fill_between(epoch, *band, color=look.colour, alpha=0.22, linewidth=0)
+        axes.fill_between(moment, *band, color=look.colour, alpha=0.22, linewidth=0)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     label = look.label if len(gain) == 1 else f"{look.label}, {len(gain)} seeds"
-    marker = "o" if len(epoch) <= 40 else None
-    axes.plot(epoch, gain.mean(axis=0), color=look.colour, label=label, marker=marker, markersize=2.5)
+    marker = "o" if len(moment) <= 40 else None
+    axes.plot(moment, gain.mean(axis=0), color=look.colour, label=label, marker=marker, markersize=2.5)
     if curve.greedy is not None:
         axes.axhline(curve.greedy, color=rival.colour, linestyle=rival.line, label=rival.label)
 
@@ -242,8 +286,9 @@ def sweeps(panels: Sequence[Sweep]) -> Figure:
 
 def _sweep_panel(axes: Axes, panel: Sweep) -> None:
     levels = np.asarray(panel.levels, float)
+    looks = style.looks(list(panel.found))
     for place, (name, numbers) in enumerate(panel.found.items()):
-        look, (mean, *band) = style.look(name), np.asarray(numbers, float).T
+        look, (mean, *band) = looks[name], np.asarray(numbers, float).T
         reach = np.nan_to_num(np.abs(np.array(band) - mean))
         line: dict[str, Any] = {"color": look.colour, "label": look.label}
         line["linestyle"] = look.line if panel.joined else ""
@@ -273,17 +318,16 @@ def noise_sweep(
     figure = style.canvas(0.62, 0.42)
     axes = figure.add_subplot()
     numbers = [statistics(one) for one in results]
-    chosen = style.chosen_policies(results[0], policies or list(numbers[0]))
+    chosen = style.chosen_policies(results[0], policies)
     found = {}
-    for name in chosen:
+    for name, look in style.looks(chosen).items():
         means = [each[name]["mean"] for each in numbers]
         intervals = [each[name]["ci95"] or (each[name]["mean"],) * 2 for each in numbers]
         found[name] = np.column_stack([means, intervals])
-        look = style.look(name)
         axes.fill_between(levels, *np.transpose(intervals), color=look.colour, alpha=0.2, linewidth=0)
     _sweep_panel(axes, Sweep(levels, found, label, r"mean gain $\Delta c$"))
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-    style.legend(axes, chosen, loc="best")
+    style.legend(axes, style.looks(chosen), loc="best")
     return figure
 
 

@@ -124,6 +124,18 @@ def look(policy: str) -> Look:
     return Look(plain(policy), SPARE[spare], "-", "dXp*"[spare])
 
 
+def looks(policies: Sequence[str]) -> dict[str, Look]:
+    """How the policies of one figure look: as everywhere, unless colour, or line and marker, are taken."""
+    named = sorted(policies, key=lambda name: name not in LOOKS)
+    found: dict[str, Look] = {}
+    for name, colour in zip(named, team_colours(named), strict=True):
+        usual, taken = look(name), [(each.line, each.marker) for each in found.values()]
+        spare = [each for each in LOOKS.values() if (each.line, each.marker) not in taken]
+        shape = usual if (usual.line, usual.marker) not in taken or not spare else spare[-1]
+        found[name] = usual._replace(colour=colour, line=shape.line, marker=shape.marker)
+    return {name: found[name] for name in policies}
+
+
 def team_colours(names: Sequence[str]) -> list[str]:
     """How the policies of one world are coloured: each its look's colour, or another where that is taken."""
     found: list[str] = []
@@ -228,9 +240,9 @@ def lettered(axes: Sequence[Axes]) -> None:
         one.set_title(f"({letter})  {one.get_title(loc='left')}".rstrip(), loc="left")
 
 
-def legend(axes: Axes, policies: Sequence[str], **kwargs: Any) -> None:
-    handles = [Line2D([], [], color=look(name).colour, linestyle=look(name).line) for name in policies]
-    axes.legend(handles, [look(name).label for name in policies], **kwargs)
+def legend(axes: Axes, shown: Mapping[str, Look], **kwargs: Any) -> None:
+    handles = [Line2D([], [], color=each.colour, linestyle=each.line) for each in shown.values()]
+    axes.legend(handles, [each.label for each in shown.values()], **kwargs)
 
 
 def legend_above(figure: Figure, axes: Axes, most: int | None = None) -> None:
