@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 WIDTH = 7.0  # of a page [inch]
 INK = "#222222"
+LIMIT = "limit of the mean"  # over many cells: a single one may gain more
 RC: dict[str, Any] = {
     **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 9),
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 8),

@@ -25,7 +25,7 @@ EATING = [
 
 def contender(*words):
     settings = settings_from(words)
-    return Contender(settings, settings.seed, np.zeros((1, 3)), np.zeros((1, 3)), None)
+    return Contender(settings, settings.seed, np.zeros((1, 3)), np.zeros((1, 3)), 80.0, None)
 
 
 def groups(*runs):

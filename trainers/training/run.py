@@ -201,8 +201,8 @@ def save_policies(training: Training, run: RunFolder) -> None:
 
 
 def draw(training: Training, run: RunFolder) -> None:
-    """The training figure: validation gain against the decisions of a cell, the untrained policy's first, with
-    greedy and the limit (paper: evolution of the gain).
+    """The training figure: validation gain against the decisions of a cell, from the untrained policy on,
+    with greedy and the limit (paper: evolution of the gain).
     """
     from swarm import figures
 
