@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from swarm.figures import style
-from swarm.figures.life import path_of
+from swarm.figures.plots.life import path_of
 from swarm.physics.fields import LinearField
 from swarm.physics.world import World
 from swarm.population.statistics import statistics
