@@ -111,7 +111,7 @@ def _paths_panel(
     window: tuple[float, float] | None,
 ) -> None:
     paths = {name: path_of(results, world, name, cell) for name in looks}
-    for name in reversed(looks):
+    for name in reversed(list(looks)):
         axes.plot(*paths[name].T, color=looks[name].colour, linewidth=0.6)
     style.mark_start(axes, results, cell)
     axes.set(xlabel="$x$", ylabel="$y$")
