@@ -391,7 +391,7 @@ class Field:
 
 
 def snapshot_of_lambdas(env):
-    return pickle.dumps((env.agents, env.state(), env.arena.state, env.arena.episode, env.arena.seed))
+    return pickle.dumps((env.agents, env.state(), env.arena.state, env.arena.episode, env.arena.seeds))
 
 
 def test_a_field_that_gives_nan_names_the_cell_and_changes_nothing():
