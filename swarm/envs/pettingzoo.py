@@ -81,11 +81,6 @@ class InTurns(parallel_to_aec_wrapper):
     """PettingZoo's conversion, with whatever else the parallel environment has: `world`, `np_random`, …"""
 
     @property
-    def unwrapped(self) -> AECEnv:
-        """Itself: its agents act one after another."""
-        return self
-
-    @property
     def observation_spaces(self) -> dict[str, Box]:
         """Every agent's observation space."""
         return self.env.observation_spaces
