@@ -1,4 +1,4 @@
-"""Other libraries' own tests and wrappers: what works with their environments works with ours, in all settings.
+"""Other libraries' own tests and wrappers: what works with their environments works with ours.
 
 `make peers` installs the libraries and runs all of it; without them a part is skipped.
 """
