@@ -103,9 +103,8 @@ class Arena:
 
         `seed` begins with its episode 0; without it the next episode of the seed in use begins, and where
         there is none yet, one is drawn from the operating system. A list gives each cell a seed of its own,
-        and where it holds None, the cell goes on as it would without one. Poses may be given:
-        `options["position"]` (cells, 2) [length], `options["heading"]` (cells,) [rad]; other options are
-        ignored.
+        and where it holds None, its own next episode or a drawn one's first. Poses may be given:
+        `options["position"]` (cells, 2) [length], `options["heading"]` (cells,) [rad].
         """
         seeds, episode = self._next(seed)
         state, action = self._begin(seeds, episode, options or {})
@@ -114,8 +113,7 @@ class Arena:
         self._check_finite(state, observation, gain)
 
         if seeds != self.seeds:
-            self.seeds = seeds
-            self._noise = None
+            self.seeds, self._noise = seeds, None
             self._fresh.clear()
         self.episode = episode
         self.decision = np.zeros(self.n_swimmers, np.int64)

@@ -85,7 +85,8 @@ class SpermSwarmVector(Watched, VectorEnv):
         """Begin a life of every cell; returns observations (cells, N_T · features) float32 and info.
 
         `seed` begins a stream of episodes; without it the next episode of the stream begins. A list of a seed
-        or None for each cell gives each its own stream, that of the single environment with that seed.
+        or None for each cell gives each its own stream, that of the single environment with that seed; with
+        None a cell's own stream goes on, or one that is drawn begins.
         `options["position"]` (cells, 2) [length] and `options["heading"]` (cells,) [rad] set poses; with
         `options["reset_mask"]` (cells,) bool only those cells begin their next life, at their rows of the
         poses. Others are ignored.
