@@ -155,7 +155,7 @@ class Arena:
             del self._fresh[number]
         return observation
 
-    def _next(self, seed: Seed) -> tuple[tuple[int, ...], np.ndarray]:
+    def _next(self, seed: Any) -> tuple[tuple[int, ...], np.ndarray]:
         """The seeds, and the episode of every cell (cells,), that a reset begins."""
         first = np.zeros(self.n_swimmers, np.int64)
         own = len(self.seeds) == self.n_swimmers

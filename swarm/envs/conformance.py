@@ -265,10 +265,9 @@ def _same_as_synchronous() -> None:
     alone = [each for each in SETTINGS.values() if not {"medium", "first_arrivals"} & each.keys()]
     for settings in alone:
         made = {"num_envs": 3, "life": 3.0} | settings
-        theirs, ours = (
-            gymnasium.make_vec("chemoswarm/SpermSwarm-v0", vectorization_mode=mode, **made)
-            for mode in ("sync", "vector_entry_point")
-        )
+        modes = ("sync", "vector_entry_point")
+        make: Any = functools.partial(gymnasium.make_vec, "chemoswarm/SpermSwarm-v0", **made)
+        theirs, ours = (make(vectorization_mode=mode) for mode in modes)
         assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"]
         for seed in ([4, 9, 2], None, [None, 7, None]):
             assert np.array_equal(theirs.reset(seed=seed)[0], ours.reset(seed=seed)[0]), f"seed {seed}"

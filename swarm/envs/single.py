@@ -79,7 +79,7 @@ class SpermSwimmer(Watched, gymnasium.Env):
         self._check_begun()
         return self.arena.table()
 
-    def render(self) -> np.ndarray | None:  # type: ignore[override]
+    def render(self) -> np.ndarray | None:
         """The picture (height, width, 3) uint8 with "rgb_array"; "human" shows it in a window."""
         self._check_begun()
         return self._picture()

@@ -47,7 +47,8 @@ class SpermSwarmVecEnv(VecEnv):
             n_swimmers, autoreset_mode="SameStep", world=world, **settings, **parameters
         )
         super().__init__(self.env.num_envs, self.env.single_observation_space, self.env.single_action_space)
-        self.metadata["render_fps"] = RENDER_FPS
+        metadata: dict[str, Any] = self.metadata
+        metadata["render_fps"] = RENDER_FPS
 
     def reset(self) -> np.ndarray:
         """Begin a life of every cell; returns the observations (cells, N_T · features) float32."""
