@@ -233,7 +233,7 @@ class TestSuperSuit:
             env = supersuit.normalize_obs_v0(env)
         given = SUPERSUIT[name]
         if name == "reshape_v0":
-            given = (env.observation_space(env.possible_agents[0]).shape + (1,),)
+            given = ((*env.observation_space(env.possible_agents[0]).shape, 1),)
         env = getattr(supersuit, name)(env, *given)
         (tests.api_test if kind == "env" else tests.parallel_api_test)(env, num_cycles=40)
         if kind == "parallel_env":  # lives of unequal length as one vector environment
