@@ -157,39 +157,43 @@ class Wrapped:
         return gymnasium.make_vec("CartPole-v1", 3, render_mode=render_mode, max_episode_steps=8, **given)
 
 
-class TestGymnasium:
-    @pytest.fixture(autouse=True)
-    def _elsewhere(self, tmp_path, monkeypatch):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+@pytest.fixture
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
 
-    @pytest.mark.parametrize("mode", MODES)
-    @pytest.mark.parametrize("name", Wrapped.names)
-    def test_a_vector_wrapper_works_where_it_works_with_gymnasium_s_own(self, name, mode):
-        if (error := came_of(Wrapped.use, Wrapped.theirs, name, mode)) is not None:
-            pytest.skip(f"{name}, {mode}: {error.__name__} with Gymnasium's CartPole, too")
-        settings = SETTINGS.items() if name not in ("RecordVideo", "HumanRendering") else [("", {})]
-        for setting, parameters in settings:
 
-            def ours(mode, render_mode, parameters=parameters):
-                given = {"life": 4.0} | parameters
-                return SpermSwarmVector(3, autoreset_mode=mode, render_mode=render_mode, **given)
+@pytest.mark.slow
+@pytest.mark.usefixtures("_elsewhere")
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", Wrapped.names)
+def test_a_vector_wrapper_works_where_it_works_with_gymnasium_s_own(name, mode):
+    if (error := came_of(Wrapped.use, Wrapped.theirs, name, mode)) is not None:
+        pytest.skip(f"{name}, {mode}: {error.__name__} with Gymnasium's CartPole, too")
+    settings = SETTINGS.items() if name not in ("RecordVideo", "HumanRendering") else [("", {})]
+    for setting, parameters in settings:
 
-            together = mode == "Disabled" and "first_arrivals" in parameters  # no reset cell by cell
-            assert together or came_of(Wrapped.use, ours, name, mode) is None, setting
+        def ours(mode, render_mode, parameters=parameters):
+            given = {"life": 4.0} | parameters
+            return SpermSwarmVector(3, autoreset_mode=mode, render_mode=render_mode, **given)
 
-    def test_the_default_mode_is_that_with_which_most_wrappers_work(self):
-        def make(mode, render_mode):
-            return SpermSwarmVector(3, life=4.0, autoreset_mode=mode, render_mode=render_mode)
+        together = mode == "Disabled" and "first_arrivals" in parameters  # no reset cell by cell
+        assert together or came_of(Wrapped.use, ours, name, mode) is None, setting
 
-        def working(mode):
-            return {name for name in Wrapped.names if came_of(Wrapped.use, make, name, mode) is None}
 
-        most, same, disabled = (working(mode) for mode in ("NextStep", "SameStep", "Disabled"))
-        assert SpermSwarmVector(1).autoreset_mode is AutoresetMode.NEXT_STEP
-        assert most >= same | disabled
-        assert len(most - same) >= 7
-        assert "NormalizeObservation" in most - disabled
+@pytest.mark.usefixtures("_elsewhere")
+def test_the_default_mode_is_that_with_which_most_wrappers_work():
+    def make(mode, render_mode):
+        return SpermSwarmVector(3, life=4.0, autoreset_mode=mode, render_mode=render_mode)
+
+    def working(mode):
+        return {name for name in Wrapped.names if came_of(Wrapped.use, make, name, mode) is None}
+
+    most, same, disabled = (working(mode) for mode in ("NextStep", "SameStep", "Disabled"))
+    assert SpermSwarmVector(1).autoreset_mode is AutoresetMode.NEXT_STEP
+    assert most >= same | disabled
+    assert len(most - same) >= 7
+    assert "NormalizeObservation" in most - disabled
 
 
 SUPERSUIT = {
@@ -224,36 +228,37 @@ SUPERSUIT = {
 WRONG_ELSEWHERE = {("agent_indicator_v0", "env")}
 
 
-class TestSuperSuit:
-    @staticmethod
-    def use(make, name, kind):
-        supersuit, tests = importlib.import_module("supersuit"), importlib.import_module("pettingzoo.test")
+def under_supersuit(make, name, kind):
+    """Its wrapper under PettingZoo's test, and together with others as one vector environment."""
+    supersuit, tests = importlib.import_module("supersuit"), importlib.import_module("pettingzoo.test")
+    env = make()
+    if (name, kind) in WRONG_ELSEWHERE:
+        env = supersuit.normalize_obs_v0(env)
+    given = SUPERSUIT[name]
+    if name == "reshape_v0":
+        given = ((*env.observation_space(env.possible_agents[0]).shape, 1),)
+    env = getattr(supersuit, name)(env, *given)
+    (tests.api_test if kind == "env" else tests.parallel_api_test)(env, num_cycles=40)
+    if kind == "parallel_env":  # lives of unequal length as one vector environment
         env = make()
-        if (name, kind) in WRONG_ELSEWHERE:
-            env = supersuit.normalize_obs_v0(env)
-        given = SUPERSUIT[name]
-        if name == "reshape_v0":
-            given = ((*env.observation_space(env.possible_agents[0]).shape, 1),)
-        env = getattr(supersuit, name)(env, *given)
-        (tests.api_test if kind == "env" else tests.parallel_api_test)(env, num_cycles=40)
-        if kind == "parallel_env":  # lives of unequal length as one vector environment
-            env = make()
-            env = env if name == "black_death_v3" else getattr(supersuit, name)(env, *given)
-            env = supersuit.pettingzoo_env_to_vec_env_v1(supersuit.black_death_v3(env))
-            env = supersuit.concat_vec_envs_v1(env, 2, num_cpus=0, base_class="gymnasium")
-            env.reset(seed=0)
-            for _ in range(40):
-                env.step(np.zeros(env.num_envs, int))
+        env = env if name == "black_death_v3" else getattr(supersuit, name)(env, *given)
+        env = supersuit.pettingzoo_env_to_vec_env_v1(supersuit.black_death_v3(env))
+        env = supersuit.concat_vec_envs_v1(env, 2, num_cpus=0, base_class="gymnasium")
+        env.reset(seed=0)
+        for _ in range(40):
+            env.step(np.zeros(env.num_envs, int))
 
-    @pytest.mark.parametrize("kind", ["env", "parallel_env"])
-    @pytest.mark.parametrize("name", SUPERSUIT)
-    def test_a_wrapper_works_where_it_works_with_a_peer(self, face, name, kind):
-        pytest.importorskip("supersuit")
-        spread = pytest.importorskip("mpe2.simple_spread_v3")
-        ours = came_of(self.use, getattr(face, kind), name, kind)
-        if ours is not None:
-            assert came_of(self.use, getattr(spread, kind), name, kind) is ours
-            pytest.skip(f"{name}, {kind}: {ours.__name__} with MPE2, too")
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["env", "parallel_env"])
+@pytest.mark.parametrize("name", SUPERSUIT)
+def test_a_wrapper_works_where_it_works_with_a_peer(face, name, kind):
+    pytest.importorskip("supersuit")
+    spread = pytest.importorskip("mpe2.simple_spread_v3")
+    ours = came_of(under_supersuit, getattr(face, kind), name, kind)
+    if ours is not None:
+        assert came_of(under_supersuit, getattr(spread, kind), name, kind) is ours
+        pytest.skip(f"{name}, {kind}: {ours.__name__} with MPE2, too")
 
 
 class TestStableBaselines3:
