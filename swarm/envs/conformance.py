@@ -58,9 +58,16 @@ class _Skipped(Exception):
     """Says why a check is not possible here."""
 
 
-def run_checks() -> list[Check]:
-    """Run all checks; what a missing library makes impossible is skipped."""
-    return [run_check(name, check) for name, check in checks().items()]
+def run_checks(progress: Callable[[int, int], None] | None = None) -> list[Check]:
+    """Run all checks; what a missing library makes impossible is skipped. `progress` is called with how many
+    are done, of how many.
+    """
+    found, wanted = [], checks()
+    for name, check in wanted.items():
+        found.append(run_check(name, check))
+        if progress is not None:
+            progress(len(found), len(wanted))
+    return found
 
 
 def checks() -> dict[str, Callable[[], object]]:

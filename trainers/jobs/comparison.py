@@ -1,8 +1,9 @@
 """Runs side by side: the same test for every policy, grouped by what differs besides the seed."""
 
+import functools
 import itertools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from swarm._support import files, provenance
 from swarm._support.tables import Table, percent, span
-from swarm._support.terminal import dispensable
+from swarm._support.terminal import Progress, dispensable
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
 from swarm.population.results import RIVAL
@@ -96,10 +97,19 @@ def compare(
     for folder in found:
         if not RunFolder(folder).finished:
             raise RunError(f"{folder} must be finished; to go on with it: swarm train resume={folder}")
-    groups = grouped([each for folder in found for each in _tested(folder, cells, worlds, seed)])
+    contenders: list[Contender] = []
+    with Progress("tests", len(found)) as bar:
+        for done, folder in enumerate(found):
+            report = functools.partial(_show, bar, done, len(found))
+            contenders += _tested(folder, cells, worlds, seed, report)
+    groups = grouped(contenders)
     if out is not None:
         _write(out, groups, {"runs": [str(path) for path in found], "seed": seed})
     return groups
+
+
+def _show(bar: Progress, done: int, of: int, part: float) -> None:
+    bar.show(done + part, text=f"{done + 1}/{of}")
 
 
 def _write(out: Path, groups: Sequence[Group], about: dict[str, Any]) -> None:
@@ -155,7 +165,9 @@ def table(groups: Sequence[Group]) -> Table:
     return Table(headings, rows)
 
 
-def _tested(folder: Path, cells: int | None, worlds: int | None, seed: int) -> list[Contender]:
+def _tested(
+    folder: Path, cells: int | None, worlds: int | None, seed: int, progress: Callable[[float], None]
+) -> list[Contender]:
     run, stored = RunFolder.open(folder)
     settings = settings_from_stored(stored, run.path)
     policies = {str(each): load_policy(path) for each, path in run.policies(settings)}
@@ -164,7 +176,7 @@ def _tested(folder: Path, cells: int | None, worlds: int | None, seed: int) -> l
     usual = (own.cells, own.worlds) if world.is_shared else (CELLS, 1)
     cells, worlds = (usual[0] if cells is None else cells), (usual[1] if worlds is None else worlds)
     sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": world.life, "seed": seed}
-    results = population_test(world, policies, **sizes, record=False)
+    results = population_test(world, policies, **sizes, record=False, progress=progress)
     lived = results["gain"].transpose("policy", ..., "cell").values.reshape(-1, worlds, cells)
     gains = dict(zip(results["policy"].values, lived, strict=True))
     greedy, limit = gains.pop(RIVAL), results.attrs.get("limit")
