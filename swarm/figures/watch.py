@@ -65,8 +65,8 @@ def watch(
 
     `against` another the policy steers a `share` of the cells, by default half, in a race to the egg as in
     `swarm.population.evaluation.compete`. `size` is the height of a film in pixels. `progress` is called with
-    what is done and the most there can be, of a film in decisions. Raises PolicyError for a policy that cannot be had,
-    ValueError for a `share` without a rival, OSError where there is no display for a window.
+    what is done and the most there can be, of a film in decisions. Raises PolicyError for a policy that
+    cannot be had, ValueError for a `share` without a rival, OSError where there is no display for a window.
     """
     check_target(out, size)
     if share is not None and against is None:

@@ -22,7 +22,8 @@ class FunctionField(Checked):
     """A field from a plain function `concentration = function(position)`, with position (..., 2) of any array
     library.
 
-    c_k cannot be guessed from a function, so it must be given. With `max_gradient`, a bound of |∇c|, the
+    c_k cannot be guessed from a function, so it must be given: about the root mean square of |∇c| where
+    lives start, from which a world warns where it is off by more than twice. With `max_gradient`, a bound of |∇c|, the
     observation space is bounded by it.
     """
 
