@@ -23,8 +23,8 @@ class FunctionField(Checked):
     library.
 
     c_k cannot be guessed from a function, so it must be given: about the root mean square of |∇c| where
-    lives start, from which a world warns where it is off by more than twice. With `max_gradient`, a bound of |∇c|, the
-    observation space is bounded by it.
+    lives start, and a world warns of one that is off by more than twice. With `max_gradient`, a bound of
+    |∇c|, the observation space is bounded by it.
     """
 
     function: Callable[[Array], Array] = parameter(MISSING, check_function)

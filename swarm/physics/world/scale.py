@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -29,10 +30,8 @@ def check_scale(world: Any) -> None:
     key = id(field), field.gradient_scale, box
     if _seen.get(key) is field:
         return
-    try:
+    with suppress(TypeError):  # of a field that nothing can refer to weakly
         _seen[key] = field
-    except TypeError:  # that nothing can refer to weakly
-        pass
     if (typical := typical_gradient(world)) is not None:
         warn_of_scale(field.gradient_scale, typical, "sampled where lives start")
 
