@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+SOON = 0.02  # of the work, before which nothing is said of the time left
 FIRST, QUIET = 5.0, 10.0  # [s] until the first line, and between lines, where there is no terminal
 
 
@@ -122,9 +123,9 @@ class Progress(progress.Progress):
         while not self._over.wait(pause):
             pause = QUIET
             if self._shown[-1] is self:
-                far = self.text or (self.clock.part is not None and f"{self.clock.part:.0%}") or ""
-                told = filter(None, (f"{self.title} {far}".strip(), self.clock.spent, self.clock.left))
-                self.say(", ".join(told))
+                part = "" if self.clock.part is None else f"{self.clock.part:.0%}"
+                far = " ".join(filter(None, (self.title, self.text, part)))
+                self.say(", ".join(filter(None, (far, self.clock.spent, self.clock.left))))
 
 
 class Clock:
@@ -151,10 +152,11 @@ class Clock:
 
     @property
     def left(self) -> str:
-        """The time that is left; nothing is said where nothing can be told."""
-        if self.total is None or self.done <= self.first:
+        """The time that is left; nothing is said where nothing can be told yet."""
+        new = self.done - self.first
+        if self.total is None or new <= 0 or new < SOON * (self.total - self.first):
             return ""
-        each = (self.changed - self.began) / (self.done - self.first)
+        each = (self.changed - self.began) / new
         return f"about {duration(each * max(self.total - self.done, 0.0))} left"
 
 

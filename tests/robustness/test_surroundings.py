@@ -76,7 +76,8 @@ def test_progress_is_told_where_there_is_no_terminal_with_the_time_left(monkeypa
     clock.began -= 7200.0
     clock.set(5.0, None)
     assert (clock.part, clock.spent, clock.left) == (0.5, "2 h 0 min", "about 10 h 0 min left")
-    assert terminal.Clock(None, 0.0).left == ""
+    clock.set(4.1, None)
+    assert clock.left == terminal.Clock(None, 0.0).left == terminal.Clock(0.0, 0.0).left == ""
     with terminal.Progress("work", 8) as outer:
         time.sleep(0.12)  # nothing is said of it
         outer.show(2)
@@ -86,7 +87,7 @@ def test_progress_is_told_where_there_is_no_terminal_with_the_time_left(monkeypa
         time.sleep(0.12)
     told = sys.stderr.getvalue().splitlines()
     kinds = [re.sub(r"\d+ s", "…", line) for line in told]
-    expected = ["work 0%, …", "part a quarter, …, about … left", "work 25%, …, about … left"]
+    expected = ["work 0%, …", "part a quarter 25%, …, about … left", "work 25%, …, about … left"]
     assert list(dict.fromkeys(kinds)) == expected
 
 
