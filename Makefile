@@ -101,7 +101,8 @@ $(STAMP): pyproject.toml constraints.txt
 	echo "Installing the tested versions into .venv, the first time in about 2 minutes; pip's own words: .venv/install.log"; \
 	: > .venv/install.log; \
 	( t=0; while sleep 10 >/dev/null 2>&1 && kill -0 $$$$ 2>/dev/null; do t=$$((t + 10)); \
-	  echo "  $$t s of about 120: $$(tail -n 1 .venv/install.log | cut -c 1-60)"; done ) 9>&- & told=$$!; \
+	  of=' of about 120'; [ $$t -lt 120 ] || of=''; \
+	  echo "  $$t s$$of: $$(grep -v WARNING .venv/install.log | tail -n 1 | cut -c 1-60)"; done ) 9>&- & told=$$!; \
 	trap 'kill $$told 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
 	PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt \
 	  $(RUN)/python -m pip install --progress-bar off --editable '.[train,dev,docs]' > .venv/install.log 2>&1 \
