@@ -41,7 +41,7 @@ def typical_gradient(world: Any) -> float | None:
     and the end of a life; None where there is none, or the field cannot be asked.
     """
     step = STEP / world.mean_curvature
-    sides = [np.linspace(*side, POINTS) for side in world.box]
+    sides = [np.linspace(low, high, POINTS) for low, high in world.box]
     places = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 1, 2) + step * STENCIL
     field = world.field
     times = np.linspace(0.0, world.life, 3) if hasattr(field, "at") else [0.0]
