@@ -106,6 +106,6 @@ $(STAMP): pyproject.toml constraints.txt
 	trap 'kill $$told 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
 	PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt \
 	  $(RUN)/python -m pip install --progress-bar off --editable '.[train,dev,docs]' > .venv/install.log 2>&1 \
-	  || { tail -n 12 .venv/install.log >&2; exit 1; }; \
+	  || { tail -n 20 .venv/install.log >&2; exit 1; }; \
 	printf '%s\n' "$(CURDIR)" > $(STAMP); rm .venv/.installing; \
 	echo "Installed: try .venv/bin/swarm --help"
