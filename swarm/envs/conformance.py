@@ -10,7 +10,7 @@ import io
 import os
 import random
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 from unittest import mock
@@ -60,16 +60,9 @@ class _Skipped(Exception):
     """Says why a check is not possible here."""
 
 
-def run_checks(progress: Callable[[int, int], None] | None = None) -> list[Check]:
-    """Run all checks; what a missing library makes impossible is skipped. `progress` is called with how many
-    are done, of how many.
-    """
-    found, wanted = [], checks()
-    for name, check in wanted.items():
-        found.append(run_check(name, check))
-        if progress is not None:
-            progress(len(found), len(wanted))
-    return found
+def run_checks() -> Iterator[Check]:
+    """Run all checks, one by one; what a missing library makes impossible is skipped."""
+    return (run_check(name, check) for name, check in checks().items())
 
 
 def checks() -> dict[str, Callable[[], object]]:

@@ -50,10 +50,13 @@ def reproduce(
 def check() -> None:
     """Run every check of the environments' interfaces there is, warnings as errors."""
     from swarm._support.terminal import Progress, print_table
-    from swarm.envs.conformance import run_checks
+    from swarm.envs.conformance import checks, run_checks
 
-    with Progress("checks") as bar:
-        found = run_checks(bar.show)
+    found = []
+    with Progress("checks", len(checks())) as bar:
+        for each in run_checks():
+            found.append(each)
+            bar.show(len(found))
     results = {True: "passed", False: "FAILED", None: "skipped"}
     rows = [[each.name, results[each.passed], each.detail] for each in found]
     print_table(["check", "result", "detail"], rows)
