@@ -40,6 +40,9 @@ def page(
     Shows the first `cells` cells of every policy, of the first world where there are several: at most as many
     as make 20 MB of data, and the page says how many of how many. `world` is by default the one that the
     results tell. Cells of `teams` have their colours. Raises ValueError for results without time series.
+
+    In a browser, `#t=12` opens the page at a time, `theme=light`, `view=whole`, `cell=3`, `beside=1` and
+    `play=1` choose what else it opens with: `page.html#t=12&view=whole`.
     """
     if "position" not in results:
         raise ValueError(
@@ -86,14 +89,15 @@ def _teams(teams: Teams, shown: int) -> dict[str, Any]:
 
 
 def _limit(results: xr.Dataset, world: World) -> dict[str, Any] | None:
-    """The limit of lives up to that of the results; in a flow, where each takes a minute, of theirs alone."""
+    """The limit of lives that end earlier, up to that of the results; in a flow, where each takes minutes, of
+    theirs alone."""
     end = results.attrs.get("limit")
     if end is None:
         return None
     life = float(results.attrs["life"])
-    found = {0.0: 0.0} if not world.in_flow else {}
+    if world.in_flow:
+        return {"times": [life], "values": [round(float(end), 4)]}
     starts = Starts(*(results[name].values for name in ("start_position", "start_heading", "past")))
-    for each in [] if world.in_flow else np.linspace(0, life, LIVES + 1)[1:-1].tolist():
-        found[each] = physical_limit.limit(world.replace(life=each), starts) or 0.0
-    found[life] = float(end)
-    return {"times": list(found), "values": [round(value, 4) for value in found.values()]}
+    times = np.linspace(0, life, LIVES + 1).tolist()
+    values = [physical_limit.limit(world.replace(life=each), starts) or 0.0 for each in times[1:]]
+    return {"times": times, "values": [0.0, *(round(value, 4) for value in values)]}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,10 +17,11 @@ from swarm.population.frames import coarse
 if TYPE_CHECKING:
     import xarray as xr
 
-PIXELS = 96  # of what stands still, along its longer side
-CHANGING = 64  # of what changes
-FRAMES = 48  # of it, at most
-ARROWS = 32  # places along the longer side at which the flow's direction is kept
+PIXELS = 144  # of what stands still, along its longer side
+CHANGING = 64  # of a medium
+FRAMES = 32  # of it, at most
+UNSTEADY, MOMENTS, EACH = 48, 160, 0.5  # of what changes by itself: pixels, at most so many times, so far apart
+ARROWS = 24  # places along the longer side at which the flow's direction is kept
 MARGIN = 0.2  # around all paths, of their longer side
 SHORE = LinearSegmentedColormap.from_list("shore", ["#f7fafc", "#dcebf3", "#b9d8e6", "#8fc1d2", "#66a6b8"])
 HEATHER = LinearSegmentedColormap.from_list(
@@ -37,9 +39,8 @@ def background(results: xr.Dataset, world: World, shown: int) -> dict[str, Any]:
     wide = np.maximum(high - low, 0.6 * longest) + 2 * (MARGIN * longest + 1.0)
     low, high = (low + high - wide) / 2, (low + high + wide) / 2
     end = float(np.nanmax(results["time"].values))
-    times = np.zeros(1) if world.is_steady else np.linspace(0, end, FRAMES)
-    still = world.is_steady and "medium" not in results
-    places = _grid(low, high, PIXELS if still else CHANGING)
+    times = np.zeros(1) if world.is_steady else np.linspace(0, end, min(MOMENTS, 1 + math.ceil(end / EACH)))
+    places = _grid(low, high, CHANGING if "medium" in results else PIXELS if world.is_steady else UNSTEADY)
     if "medium" in results:
         films = [_medium(results.sel(policy=name), world, places) for name in results["policy"].values]
     else:

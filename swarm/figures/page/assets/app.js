@@ -5,7 +5,7 @@ const asked = new URLSearchParams(location.hash.slice(1));
 const policies = data.policies.map((policy, index) => Object.assign(new Lives(policy, data), { index }));
 const teams = data.teams, layers = data.background.layers, end = Math.max(...policies.map(lives => lives.end));
 const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-let now = 0, playing = false, before = null, chosen = null, hovered = null, mode = "swarm", camera = { x: 0, y: 0, scale: 20 }, easing = false, stale = true;
+let now = 0, playing = false, before = null, chosen = null, hovered = null, mode = asked.get("view") === "whole" ? "whole" : "swarm", camera = { x: 0, y: 0, scale: 20 }, easing = false, stale = true;
 let stage = null, shown = [], theme, layer, tints = {}, readAt = -Infinity, drawnFor = "";
 
 $("title").textContent = document.title = data.title;
@@ -334,9 +334,11 @@ function zoom(factor, at) {
     camera.x += dx / camera.scale - dx / scale; camera.y += dy / camera.scale - dy / scale;
   }
   camera.scale = scale;
-  stale = true;
+  clearTimeout(settling); // what is stretched now is drawn anew when the hand rests
+  settling = setTimeout(() => { stale = true; queue(); }, 150);
   queue();
 }
+let settling;
 function pan(dx, dy) { free(); camera.x -= dx / camera.scale; camera.y += dy / camera.scale; queue(); }
 function follow(cell) { chosen = cell; if (cell === null) { if (mode === "cell") setMode("swarm"); } else { mode = "cell"; camera.scale = Math.max(camera.scale, 48); easing = false; } stale = true; queue(); }
 const paneAt = (x, y) => shown.find(p => x >= p.x && x < p.x + p.width && y >= p.y && y < p.y + p.height) || shown[0];

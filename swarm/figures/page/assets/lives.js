@@ -25,7 +25,7 @@ class Lives {
     this.cursor = new Int32Array(this.n);
     this.arcOf = new Int32Array(this.n).fill(-1); // the interval whose arc is kept, and the arc
     this.arc = new Float64Array(6 * this.n);
-    this.x = this.y = this.angle = this.step = this.part = 0; // of the cell that was last asked for
+    this.x = this.y = this.angle = this.sine = this.cosine = this.step = this.part = 0; // of the cell that was last asked for
   }
 
   speed(bend) {
@@ -54,7 +54,10 @@ class Lives {
     this.find(cell, t);
     const at = cell * this.count + this.step, arc = this.arc, k = 6 * cell, s = this.part;
     const angle = this.headings[at];
-    if (s === 0) { this.x = this.xs[at]; this.y = this.ys[at]; this.angle = angle; return; }
+    if (s === 0) {
+      this.x = this.xs[at]; this.y = this.ys[at]; this.angle = angle; this.sine = Math.sin(angle); this.cosine = Math.cos(angle);
+      return;
+    }
     if (this.arcOf[cell] !== this.step) {
       const clock = cell * this.stride + this.step, bend = this.curvatures[at + 1];
       const length = this.speed(bend) * (this.times[clock + 1] - this.times[clock]);
@@ -66,8 +69,9 @@ class Lives {
       arc[k + 5] = this.ys[at + 1] - this.ys[at] - radius * (arc[k + 3] - Math.cos(angle + turn));
     }
     this.angle = angle + s * arc[k];
-    this.x = this.xs[at] + arc[k + 1] * (Math.sin(this.angle) - arc[k + 2]) + s * arc[k + 4];
-    this.y = this.ys[at] + arc[k + 1] * (arc[k + 3] - Math.cos(this.angle)) + s * arc[k + 5];
+    this.sine = Math.sin(this.angle); this.cosine = Math.cos(this.angle);
+    this.x = this.xs[at] + arc[k + 1] * (this.sine - arc[k + 2]) + s * arc[k + 4];
+    this.y = this.ys[at] + arc[k + 1] * (arc[k + 3] - this.cosine) + s * arc[k + 5];
   }
 
   // A series at the time that was last asked for.

@@ -24,7 +24,7 @@ function sharp(canvas) {
 class Arrows {
   constructor(vector) { this.vector = vector; this.key = null; }
   draw(pen, pane, moment, shift, colour) {
-    const { camera, width, height } = pane, step = 1.25 * niceStep(Math.max(width, height) / camera.scale / 6), reach = 0.5 * step;
+    const { camera, width, height } = pane, step = 2 ** (Math.round(2 * Math.log2(Math.max(width, height, 520) / camera.scale / 11)) / 2), reach = 0.55 * step;
     const first = axis => Math.floor((camera[axis] - (axis === "x" ? width : height) / 2 / camera.scale) / step) - 1;
     const columns = Math.ceil(width / camera.scale / step) + 3, rows = Math.ceil(height / camera.scale / step) + 3, left = first("x"), low = first("y");
     const key = [step, columns, rows, left, low, moment].join();

@@ -112,7 +112,7 @@ const HEADS = `
 uniform vec4 view;
 uniform float across; // [pixels of the screen]
 in vec2 place;
-in float angle;
+in vec2 heading;
 in vec4 tint;
 out vec4 shade;
 out vec2 ahead;
@@ -120,7 +120,7 @@ void main() {
   gl_Position = vec4((place - view.xy) / view.zw, 0.0, 1.0);
   gl_PointSize = across + 2.0;
   shade = tint;
-  ahead = vec2(cos(angle), sin(angle));
+  ahead = heading;
 }`;
 const HEAD = `
 precision highp float;

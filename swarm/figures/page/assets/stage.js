@@ -4,7 +4,7 @@ const FADE = 3; // in which a trail falls to 1/e of its light [time]
 const FINE = 0.06; // parts of a trail [time]
 const MOST_PARTS = 90000; // of all trails, when they are drawn anew
 const MARGIN = 56; // by which framebuffers reach beyond the picture, so that a camera that moves needs no new ones [pixels]
-const LEAST = 0.04; // by which trails are made fainter at once, at least
+const LEAST = 0.06; // by which trails are made fainter at once, at least
 const MANY = 2000; // cells, whose trails and heads are drawn more simply
 const TAILS = 400, TAIL = 0.42, TAIL_PARTS = 10; // at most so many cells show flagella; their length [time]
 const WITH_WAYS = 1000, SMOOTH = 3; // at most so many cells show the ways of their centres; decisions to each side
@@ -108,7 +108,7 @@ class Stage {
       pane.targets = [0, 1].map(() => target(this.smooth ? THREE.HalfFloatType : THREE.UnsignedByteType));
       pane.sea = target(THREE.UnsignedByteType);
       pane.points = new THREE.BufferGeometry();
-      for (const [name, items] of [["place", 2], ["angle", 1], ["tint", 4]])
+      for (const [name, items] of [["place", 2], ["heading", 2], ["tint", 4]])
         pane.points.setAttribute(name, new THREE.BufferAttribute(new Float32Array(items * lives.n), items).setUsage(THREE.DynamicDrawUsage));
       pane.points.setDrawRange(0, lives.n);
       pane.dots = drawn(THREE.Points, pane.points, lives.n > MANY ? this.specks : this.heads);
@@ -286,7 +286,7 @@ class Stage {
         const back = i / TAIL_PARTS;
         lives.place(cell, Math.max(0, now - TAIL * back));
         const wave = bent * Math.min(1, 2.2 * back) * Math.sin(2 * Math.PI * (1.3 * back - 2.1 * now + 0.38 * cell));
-        const px = lives.x - Math.sin(lives.angle) * wave, py = lives.y + Math.cos(lives.angle) * wave;
+        const px = lives.x - lives.sine * wave, py = lives.y + lives.cosine * wave;
         if (i) this.flagella.add(x, y, px, py, colour, 0.95 - 0.75 * back);
         [x, y] = [px, py];
       }
@@ -299,20 +299,21 @@ class Stage {
   }
 
   drawHeads(pane, now, theme, headTint) {
-    const { lives, points } = pane, { place, angle, tint } = points.attributes, egg = this.data.egg;
+    const { lives, points } = pane, { place, heading, tint } = points.attributes, egg = this.data.egg;
     for (let cell = 0; cell < lives.n; cell++) {
       lives.place(cell, now);
-      const won = lives.won(cell, now);
-      let { x, y, angle: heading } = lives;
-      if (won && egg) {
-        const away = Math.atan2(y - egg.y, x - egg.x);
-        x = egg.x + egg.radius * Math.cos(away); y = egg.y + egg.radius * Math.sin(away); heading = away + Math.PI;
+      const won = lives.won(cell, now), i = 2 * cell, j = 4 * cell;
+      let { x, y, cosine, sine } = lives;
+      if (won && egg) { // at the egg, towards its middle
+        const far = Math.hypot(x - egg.x, y - egg.y) || 1;
+        cosine = (egg.x - x) / far; sine = (egg.y - y) / far;
+        x = egg.x - egg.radius * cosine; y = egg.y - egg.radius * sine;
       }
-      place.array[2 * cell] = x; place.array[2 * cell + 1] = y; angle.array[cell] = heading;
-      const [r, g, b] = headTint(cell, won), rest = !won && lives.over(cell, now) && now < lives.end;
-      tint.array[4 * cell] = r; tint.array[4 * cell + 1] = g; tint.array[4 * cell + 2] = b; tint.array[4 * cell + 3] = rest ? 0.55 : 1;
+      place.array[i] = x; place.array[i + 1] = y; heading.array[i] = cosine; heading.array[i + 1] = sine;
+      const colour = headTint(cell, won), rest = !won && lives.over(cell, now) && now < lives.end;
+      tint.array[j] = colour[0]; tint.array[j + 1] = colour[1]; tint.array[j + 2] = colour[2]; tint.array[j + 3] = rest ? 0.55 : 1;
     }
-    for (const each of [place, angle, tint]) each.needsUpdate = true;
+    for (const each of [place, heading, tint]) each.needsUpdate = true;
     const many = lives.n > MANY, look = many ? this.specks : this.heads;
     look.uniforms.across.value = this.ratio * clamp(0.22 * pane.camera.scale, many ? 3 : 7, many ? 9 : 13);
     this.heads.uniforms.rim.value.set(...theme.rim);
