@@ -36,7 +36,8 @@ def background(results: xr.Dataset, world: World, shown: int) -> dict[str, Any]:
     position = results["position"].isel(cell=slice(shown)).values
     low, high = np.nanmin(position, axis=(0, 1, 2)), np.nanmax(position, axis=(0, 1, 2))
     longest = float((high - low).max())
-    wide = np.maximum(high - low, 0.6 * longest) + 2 * (MARGIN * longest + 1.0)
+    square, margin = (0.6, MARGIN) if "medium" in results else (1.0, 2 * MARGIN)
+    wide = np.maximum(high - low, square * longest) + 2 * (margin * longest + 1.0)
     low, high = (low + high - wide) / 2, (low + high + wide) / 2
     end = float(np.nanmax(results["time"].values))
     times = np.zeros(1) if world.is_steady else np.linspace(0, end, min(MOMENTS, 1 + math.ceil(end / EACH)))
