@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 DOCS = Path(__file__).parents[1]
-SIZE, FRAMES, MILLISECONDS, COLOURS = (1040, 600), 60, 100, 128
+SIZE, FRAMES, MILLISECONDS, COLOURS = (1040, 600), 60, 100, 160
 FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-unsafe-swiftshader"]
 FLAGS += ["--virtual-time-budget=2500", f"--window-size={SIZE[0]},{SIZE[1]}"]
 
@@ -38,7 +38,7 @@ def main(
         times = np.linspace(0, float(life), FRAMES + 1)[1:]
         pictures = [picture(Path(page), time, Path(folder)).resize((832, 480)) for time in times]
     some = Image.fromarray(np.concatenate([np.asarray(each) for each in pictures[::12]]))
-    palette = some.quantize(COLOURS, Image.Quantize.MEDIANCUT)
+    palette = some.quantize(COLOURS, Image.Quantize.FASTOCTREE)
     first, *others = (each.quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures)
     first.save(out, save_all=True, append_images=others, duration=MILLISECONDS, loop=0)
 

@@ -20,7 +20,11 @@ if TYPE_CHECKING:
 PIXELS = 144  # of what stands still, along its longer side
 CHANGING = 64  # of a medium
 FRAMES = 32  # of it, at most
-UNSTEADY, MOMENTS, EACH = 48, 160, 0.5  # of what changes by itself: pixels, at most so many times, so far apart
+UNSTEADY, MOMENTS, EACH = (
+    48,
+    160,
+    0.5,
+)  # of what changes by itself: pixels, at most so many times, so far apart
 ARROWS = 24  # places along the longer side at which the flow's direction is kept
 MARGIN = 0.2  # around all paths, of their longer side
 SHORE = LinearSegmentedColormap.from_list("shore", ["#f7fafc", "#dcebf3", "#b9d8e6", "#8fc1d2", "#66a6b8"])

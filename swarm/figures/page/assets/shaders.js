@@ -68,11 +68,11 @@ const OVER = `
 precision mediump float;
 uniform sampler2D water, trails;
 uniform vec4 shift; // of both [pixels]
-uniform float cover; // of the water by trails
+uniform vec2 cover; // of the water by trails; the light that 8 bits do not let fade, which is taken off
 out vec4 colour;
 void main() {
-  vec4 trail = texelFetch(trails, ivec2(gl_FragCoord.xy + shift.zw), 0);
-  colour = vec4(texelFetch(water, ivec2(gl_FragCoord.xy + shift.xy), 0).rgb * (1.0 - cover * trail.a) + trail.rgb, 1.0);
+  vec4 trail = max(texelFetch(trails, ivec2(gl_FragCoord.xy + shift.zw), 0) - cover.y, 0.0) / (1.0 - cover.y);
+  colour = vec4(texelFetch(water, ivec2(gl_FragCoord.xy + shift.xy), 0).rgb * (1.0 - cover.x * trail.a) + trail.rgb, 1.0);
 }`;
 
 // Lines as wide as is asked for, with a glow around them: four corners for each.

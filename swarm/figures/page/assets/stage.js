@@ -77,7 +77,7 @@ class Stage {
     const { low, high } = data.background, vector = n => n === 2 ? new THREE.Vector2() : new THREE.Vector4();
     this.fading = material(WHOLE, FADING, { left: 1 }, "fade");
     this.moving = material(WHOLE, MOVING, { old: null, move: new THREE.Vector3() });
-    this.over = material(WHOLE, OVER, { water: null, trails: null, shift: vector(4), cover: 1 });
+    this.over = material(WHOLE, OVER, { water: null, trails: null, shift: vector(4), cover: vector(2) });
     this.water = material(WHOLE, WATER, {
       film: null, view: vector(4), box: new THREE.Vector4(...low, ...high), egg: new THREE.Vector4(0, 0, 0, 0), frame: new THREE.Vector3(), size: vector(2), levels: vector(2),
       ramp: Array.from({ length: 5 }, () => new THREE.Vector3()), paper: new THREE.Vector3(), line: new THREE.Vector3(), shell: new THREE.Vector3(), contrast: 0, pixel: 1,
@@ -104,8 +104,9 @@ class Stage {
     this.panes = shown.map(({ lives, index, x, y, width, height }) => {
       const size = [Math.max(1, Math.round(width * ratio)), Math.max(1, Math.round(height * ratio))];
       const pane = { lives, index, x, y, width, height, size, camera: null, now: null, anchor: null, seen: "", faded: 1, turn: 0, until: [], drawn: 0, drawnAt: 0, shore: null, room: size.map(each => each + 2 * MARGIN) };
+      pane.smooth = this.smooth && lives.n <= MANY; // 16 bits cost three times as much where there is no graphics card
       const target = type => new THREE.WebGLRenderTarget(...pane.room, { type, depthBuffer: false, generateMipmaps: false });
-      pane.targets = [0, 1].map(() => target(this.smooth ? THREE.HalfFloatType : THREE.UnsignedByteType));
+      pane.targets = [0, 1].map(() => target(pane.smooth ? THREE.HalfFloatType : THREE.UnsignedByteType));
       pane.sea = target(THREE.UnsignedByteType);
       pane.points = new THREE.BufferGeometry();
       for (const [name, items] of [["place", 2], ["heading", 2], ["tint", 4]])
@@ -269,7 +270,7 @@ class Stage {
     over.water.value = pane.sea.texture;
     over.trails.value = pane.targets[0].texture;
     over.shift.value.set(x - left, y - bottom, u - left, v - bottom);
-    over.cover.value = theme.dark ? 0.35 : 1;
+    over.cover.value.set(theme.dark ? 0.35 : 1, pane.smooth ? 0 : 0.5 / LEAST / 255);
     renderer.render(this.scenes.over, this.eye);
     if (lives.n <= TAILS && camera.scale > 6) this.drawTails(pane, now, theme, headTint);
     this.drawHeads(pane, now, theme, headTint);
