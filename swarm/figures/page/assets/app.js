@@ -38,7 +38,7 @@ function setTheme(dark) {
   const policyColours = data.policies.map(policy => policy.colours[dark ? 1 : 0]);
   theme = {
     dark, paper: rgb(of("paper")), ink: rgb(of("ink")), rim: rgb(dark ? "#05080f" : "#ffffff"), egg: rgb(dark ? "#fadbbd" : "#f0b98a"),
-    head: rgb(dark ? "#ffffff" : "#1b2532"), gold: rgb(dark ? "#ffcc6b" : "#b35c00"), policy: index => policyColours[index], ways: index => rgb(policyColours[index]),
+    head: rgb(dark ? "#ffffff" : "#1b2532"), gold: rgb(dark ? "#ffcc6b" : "#b35c00"), policy: index => policyColours[index], ways: index => rgb(teams ? of("ink") : policyColours[index]),
     css: Object.fromEntries(["ink", "faint", "line", "veil", "gradient", "flow"].map(name => [name, of(name)])),
     // both are read by brightness alone, and differ from the water
     ramp: (dark ? ["#5e4fa2", "#b5499b", "#f26d5b", "#fdbb5b", "#fcffa4"] : ["#e08214", "#c2453f", "#8c2981", "#4b1d6b", "#140e36"]).map(rgb),
@@ -243,7 +243,7 @@ function read(race) {
   policies.forEach((lives, i) => {
     rows[i].line.setAttribute("stroke", theme.policy(i));
     rows[i].gain.textContent = signed(lives.mean(now));
-    rows[i].share.textContent = limit > 1e-6 && now > 0.5 ? Math.round(100 * lives.mean(now) / limit) + "%" : "";
+    rows[i].share.textContent = limit > 1e-6 && now > 0.5 ? plain(100 * lives.mean(now) / limit, 0) + "%" : "";
   });
   if (limitRow) limitRow.textContent = signed(limit);
   $("time").value = Math.round(1000 * now / end);

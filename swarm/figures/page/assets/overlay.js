@@ -108,15 +108,15 @@ function drawChart(canvas, lives, data, now, end, theme) {
     values.forEach((value, i) => pen.lineTo(toX(times(i)), toY(value)));
     pen.stroke(); pen.restore();
   };
-  if (limit) {
-    const flat = limit.times.length < 2, values = flat ? [limit.values[0], limit.values[0]] : limit.values, times = i => flat ? i * end : limit.times[i];
-    line(times, values, end, theme.css.ink, 0.35, 1.5, [5, 4]);
-    if (!flat) line(times, values, now, theme.css.ink, 1, 1.5, [5, 4]);
-  }
   for (const each of [...lives].reverse()) {
     const { mean, end: own } = each.policy.curve, times = i => i / (mean.length - 1) * own, dash = DASHES[each.index % DASHES.length];
     line(times, mean, end, theme.policy(each.index), 0.3, 1.5, dash);
     line(times, mean, now, theme.policy(each.index), 1, 2.2, dash);
+  }
+  if (limit) {
+    const flat = limit.times.length < 2, values = flat ? [limit.values[0], limit.values[0]] : limit.values, times = i => flat ? i * end : limit.times[i];
+    line(times, values, end, theme.css.ink, 0.35, 1.2, [5, 4]);
+    if (!flat) line(times, values, now, theme.css.ink, 1, 1.2, [5, 4]);
   }
   pen.strokeStyle = theme.css.faint; pen.lineWidth = 1;
   pen.beginPath(); pen.moveTo(toX(now), top); pen.lineTo(toX(now), bottom); pen.stroke();

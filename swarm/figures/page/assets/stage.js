@@ -224,7 +224,7 @@ class Stage {
   // The water of a pane, where it is not what it was.
   flood(pane, { layer, now, theme, closed, ways }) {
     const { data } = this, film = layer.films[Math.min(pane.index, layer.films.length - 1)], between = film.between(now);
-    between[2] = Math.round(6 * between[2]) / 6;
+    between[2] = Math.round(4 * between[2]) / 4; // water is dear where there is no graphics card
     const seen = [layer.what, theme.dark, closed, ways, ...between].join(), back = pane.drawnAt > now;
     pane.drawnAt = now;
     if (seen === pane.seen && !back && this.shift(pane, pane.shore)) return;
@@ -252,7 +252,7 @@ class Stage {
     if (pane.drawn === from) return;
     pane.ways.setDrawRange(2 * from, 2 * (pane.drawn - from));
     this.aim(this.ways, pane, pane.shore, pane.room);
-    this.ways.uniforms.tint.value.set(...theme.ways(pane.index), theme.dark ? 0.5 : 0.55);
+    this.ways.uniforms.tint.value.set(...theme.ways(pane.index), (theme.dark ? 0.5 : 0.55) * (this.data.teams ? 0.5 : 1));
     this.renderer.setRenderTarget(pane.sea);
     this.renderer.render(pane.lines, this.eye);
     this.renderer.setRenderTarget(null);
