@@ -22,7 +22,7 @@ FLAGS += ["--virtual-time-budget=2500", f"--window-size={SIZE[0]},{SIZE[1]}"]
 def picture(page: Path, time: float, folder: Path) -> Image.Image:
     """The page at a time, in a frame, which the browser does not resize while it draws."""
     frame, shot = folder / "frame.html", folder / "shot.png"
-    style = "border:0;position:fixed;inset:0;width:100%;height:100%"
+    style = f"border:0;position:fixed;left:0;top:0;width:{SIZE[0]}px;height:{SIZE[1]}px"
     source = f"{page.resolve().as_uri()}#t={time:.3f}&theme=dark&view=whole"
     frame.write_text(f"<iframe style='{style}' src='{source}'></iframe>", encoding="utf-8")
     browser = shutil.which("chromium") or "google-chrome"

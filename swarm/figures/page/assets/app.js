@@ -410,7 +410,8 @@ document.onkeydown = event => {
     : document.activeElement === box || event.key === "Escape" ? KEYS[event.key] : null;
   if (act) { event.preventDefault(); act(); }
 };
-new ResizeObserver(() => { arrange(); queue(); }).observe(box);
+let ready = false; // what has another size is drawn before it is shown
+new ResizeObserver(() => { if (ready) { arrange(); draw(0); } }).observe(box);
 
 try {
   for (const each of layers) each.films = each.films.map(film => new Film(film, each.least, each.most));
@@ -425,4 +426,5 @@ if (asked.has("t")) now = clamp(Number(asked.get("t")) || 0, 0, end);
 if (asked.has("cell")) follow(clamp(Math.round(Number(asked.get("cell")) || 0), 0, some - 1));
 arrange();
 draw(0);
+ready = true;
 play(asked.has("play") ? asked.get("play") !== "0" : !asked.has("t") && !calm);
