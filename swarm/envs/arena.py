@@ -110,8 +110,8 @@ class Arena:
             seed, episode = streams.check_seed(seed), 0
         elif self.seed is not None:
             seed, episode = self.seed, int(self.episode.max()) + 1
-        else:  # the global generators stay as they are
-            seed, episode = int(np.random.SeedSequence().generate_state(1, np.uint64)[0]), 0
+        else:
+            seed, episode = streams.drawn_seed(), 0
         starts = self._starts(seed, episode)
         options = options or {}
         position = self._option(options, "position", starts.position)
