@@ -19,6 +19,7 @@ from swarm._support import files, provenance
 
 KEPT = Path("runs/benchmarks")
 NAMES = ("pettingzoo_path", "batched_path", "training_path", "same_goal", "crowd_path", "exact_solutions")
+FURTHER = ("jax_path",)  # need a library more; measured where they are named
 
 
 def processor() -> str:
@@ -37,7 +38,9 @@ def origin(record: dict[str, Any]) -> str:
 def main() -> None:
     """Run the named benchmarks, all by default."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help="default: all")
+    parser.add_argument(
+        "names", nargs="*", help=f"default: {', '.join(NAMES)}; beside them {', '.join(FURTHER)}"
+    )
     parser.add_argument("--out", type=Path, default=KEPT, help="folder for the tables")
     options = parser.parse_args()
     for folder in (KEPT, options.out):

@@ -115,7 +115,7 @@ class JaxSwarmEnv:
         viewer.follow(state.cells.each(np.asarray))
         return viewer.picture()
 
-    # --- arrays with any leading axes: worlds -----------------------------------------------------------------
+    # --- arrays with any leading axes: worlds ---------------------------------------------------------------
 
     def _begun(self, key: Array) -> tuple[Array, EnvState]:
         """The beginning of worlds, of a key each (...)."""
@@ -152,7 +152,7 @@ class JaxSwarmEnv:
         after = EnvState(cells, decision, gain)
         return Step(outcome.observation, after, reward, terminated, truncated, info)
 
-    # --- draws of one world -----------------------------------------------------------------------------------
+    # --- draws of one world ---------------------------------------------------------------------------------
 
     def _starts(self, key: Array) -> dict[str, Array]:
         """What `World.start` takes; poses are uniform where cells may begin."""
