@@ -51,7 +51,7 @@ def main() -> None:
         record = {
             "benchmark": name,
             "rows": result,
-            "versions": provenance.versions(),
+            "versions": provenance.versions() | provenance.versions("jax"),
             "commit": provenance.commit(),
             "processor": processor(),
             "cores": os.cpu_count(),
