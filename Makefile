@@ -21,7 +21,7 @@ unexport PYTHONHOME PYTHONPATH VIRTUAL_ENV
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test slow lowest newest coverage bench soak reproduce examples docs clean FORCE
+.PHONY: help install train test slow peers lowest newest coverage bench soak reproduce examples docs clean FORCE
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z ]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -62,6 +62,11 @@ reproduce: install ## every figure and table of the paper, in runs/reproduce
 examples: install ## install the libraries that the examples are about, and test the examples
 	@$(RUN)/python -c 'import jax, stable_baselines3, supersuit' 2>/dev/null || $(RUN)/python -m pip install -qq -c constraints.txt -e '.[examples]'
 	$(RUN)/pytest tests/docs/test_examples.py $(ARGS)
+
+peers: install ## install other libraries, and run their tests and wrappers on these environments
+	@$(RUN)/python -m pip install -qq -c constraints.txt -e '.[examples,peers]'
+	@$(RUN)/python -m pip install -qq --no-deps moviepy decorator proglog python-dotenv tqdm # moviepy asks for an older pillow
+	$(RUN)/pytest tests/envs/test_peers.py -n 2 $(ARGS)
 
 docs: install ## build the documentation in site/
 	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --strict $(ARGS)

@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
 from rich import progress
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -97,10 +98,62 @@ class Progress(progress.Progress):
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print rows under their headings."""
-    shown = Table(box=None, pad_edge=False)
-    for place, heading in enumerate(headings):
-        shown.add_column(Text(heading), justify="right" if place else "left", no_wrap=True)
-    for row in rows:
-        shown.add_row(*map(Text, row))
-    Console(width=max(Console().width, 100)).print(shown)
+    """Print rows under their headings, as wide as the terminal, or 80 columns where there is none.
+
+    Nothing is cut: headings and words in the cells go on in the next line, numbers stay whole, and columns
+    for which there is no room follow in tables of their own, each of which begins with the first column.
+    """
+    console = Console()
+    columns = [[heading, *(row[place] for row in rows)] for place, heading in enumerate(headings)]
+    least = [_narrowest(column) for column in columns]
+    least = [
+        min(each, console.width // 3 if place == 0 else console.width // 2)
+        for place, each in enumerate(least)
+    ]
+    for number, places in enumerate(_parts(least, console.width)):
+        gap = 2 if sum(least[each] + 2 for each in places) - 2 <= console.width else 1
+        shown = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False)
+        room = console.width - gap * (len(places) - 1)
+        widths = _widths([columns[each] for each in places], [least[each] for each in places], room)
+        for place, width in zip(places, widths, strict=True):
+            side: Any = "left" if not place or _is_text(columns[place][1:]) else "right"
+            shown.add_column(Text(headings[place]), justify=side, width=width, overflow="fold")
+        for row in rows:
+            shown.add_row(*(Text(row[place]) for place in places))
+        if number:
+            console.print()
+        console.print(shown)
+
+
+def _is_text(cells: Sequence[str]) -> bool:
+    """Whether lines may break within the cells: there are words in them."""
+    return any(" " in cell and any(map(str.isalpha, cell)) for cell in cells)
+
+
+def _narrowest(column: Sequence[str]) -> int:
+    """The width of a column whose heading, and whose cells where they are text, break at every space."""
+    heading, *cells = column
+    pieces = [word for cell in cells for word in cell.split()] if _is_text(cells) else cells
+    return max(map(cell_len, [*heading.split(), *pieces]), default=1)
+
+
+def _parts(least: Sequence[int], room: int) -> Iterator[list[int]]:
+    """Which columns stand side by side: the first, and as many of the others as there is room for."""
+    part, used = [0], least[0]
+    for place, width in enumerate(least[1:], start=1):
+        if used + 1 + width > room and len(part) > 1:
+            yield part
+            part, used = [0], least[0]
+        part.append(place)
+        used += 1 + width
+    yield part
+
+
+def _widths(columns: Sequence[Sequence[str]], least: Sequence[int], room: int) -> list[int]:
+    """The columns' widths: what there is room for beyond the least goes to those that lack most."""
+    widths, wanted = list(least), [max(map(cell_len, column)) for column in columns]
+    for _ in range(room - sum(least)):
+        lacking = [want - width for want, width in zip(wanted, widths, strict=True)]
+        if max(lacking) > 0:
+            widths[lacking.index(max(lacking))] += 1
+    return widths

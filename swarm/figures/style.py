@@ -24,13 +24,13 @@ from matplotlib.patches import Circle
 from swarm._support import files
 from swarm.physics.motion.domain import inside_all
 from swarm.physics.world import World
-from swarm.population.results import RIVAL
 
 if TYPE_CHECKING:
     import xarray as xr
 
 WIDTH = 7.0  # of a page [inch]
 INK = "#222222"
+LIMIT = "limit of the mean"  # over many cells: a single one may gain more
 RC: dict[str, Any] = {
     **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 9),
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 8),
@@ -125,6 +125,18 @@ def look(policy: str) -> Look:
     return Look(plain(policy), SPARE[spare], "-", "dXp*"[spare])
 
 
+def looks(policies: Sequence[str]) -> dict[str, Look]:
+    """How the policies of one figure look: as everywhere, unless colour, or line and marker, are taken."""
+    named = sorted(policies, key=lambda name: name not in LOOKS)
+    found: dict[str, Look] = {}
+    for name, colour in zip(named, team_colours(named), strict=True):
+        usual, taken = look(name), [(each.line, each.marker) for each in found.values()]
+        spare = [each for each in LOOKS.values() if (each.line, each.marker) not in taken]
+        shape = usual if (usual.line, usual.marker) not in taken or not spare else spare[-1]
+        found[name] = usual._replace(colour=colour, line=shape.line, marker=shape.marker)
+    return {name: found[name] for name in policies}
+
+
 def team_colours(names: Sequence[str]) -> list[str]:
     """How the policies of one world are coloured: each its look's colour, or another where that is taken."""
     found: list[str] = []
@@ -144,12 +156,9 @@ def on_dark(colour: str) -> str:
 
 
 def chosen_policies(results: xr.Dataset, policies: Sequence[str] | None = None) -> list[str]:
-    """The `policies`, unless they are given the first of the results and greedy.
-
-    Raises ValueError for one that is not in the results.
-    """
+    """The `policies`, unless they are given all of the results; ValueError for one that is not in them."""
     known = [str(name) for name in results["policy"].values]
-    chosen = list(policies or dict.fromkeys([known[0], RIVAL]))
+    chosen = list(policies or known)
     for name in chosen:
         if name not in known:
             raise ValueError(f"policies must be among {', '.join(known)}, got {name!r}")
@@ -232,9 +241,9 @@ def lettered(axes: Sequence[Axes]) -> None:
         one.set_title(f"({letter})  {one.get_title(loc='left')}".rstrip(), loc="left")
 
 
-def legend(axes: Axes, policies: Sequence[str], **kwargs: Any) -> None:
-    handles = [Line2D([], [], color=look(name).colour, linestyle=look(name).line) for name in policies]
-    axes.legend(handles, [look(name).label for name in policies], **kwargs)
+def legend(axes: Axes, shown: Mapping[str, Look], **kwargs: Any) -> None:
+    handles = [Line2D([], [], color=each.colour, linestyle=each.line) for each in shown.values()]
+    axes.legend(handles, [each.label for each in shown.values()], **kwargs)
 
 
 def legend_above(figure: Figure, axes: Axes, most: int | None = None) -> None:

@@ -134,7 +134,8 @@ def lives(
             "check what the field and the flow return"
         )
     values = [gain, maximal, arrived, world.time(moment.state), decisions]
-    if world.race is not None:
+    if world.race is not None:  # which also ends the lives of those that did not arrive
+        values[list(LIVES).index("arrived")] = np.isfinite(moment.state.arrival_time)
         values += [moment.state.arrival_time, world.won(moment.state)]
     names = recorded[0] if recorded else ()
     series = {name: np.stack([row[name] for row in recorded], axis=len(cells)) for name in names}

@@ -294,6 +294,7 @@ def table(results: xr.Dataset) -> Table:
     order = np.argsort(-results["won"].values, kind="stable")
     for i in order.tolist():
         mine = results["steered_by"] == i
+        came = mine & np.isfinite(results["arrival_time"])
         low, high = results["won_interval"].values[i].tolist()
         share = float(results["won"][i])
         rows.append(
@@ -304,6 +305,9 @@ def table(results: xr.Dataset) -> Table:
                 None if np.isnan(low) else f"{percent(low)} … {percent(high)}",
                 int((results["winner"] & mine).sum()),
                 f"{float(results['gain'].where(mine).mean()):.2f}",
+                f"{int(came.sum())}/{int(mine.sum())}",
+                f"{float(results['arrival_time'].where(came).mean()):.1f}" if came.any() else None,
             ]
         )
-    return Table(["policy", "of the crowd", "of the wins", "95% interval", "wins", "gain"], rows)
+    headings = ["policy", "of the crowd", "of the wins", "95% interval", "wins", "gain"]
+    return Table([*headings, "arrived", "time to egg"], rows)

@@ -235,7 +235,7 @@ def test_evaluate_races_policies_against_each_other():
     ]
     code, out, _ = run(*words, "--worlds", "8", "--life", "20", "--out", "found")
     assert code == 0
-    assert {line.split()[0] for line in out.splitlines()[1:3]} == {"zoo:radial", "greedy"}
+    assert {line.split()[0] for line in out.splitlines()[-3:-1]} == {"zoo:radial", "greedy"}
     assert {path.name for path in Path("found").iterdir()} == {"contest.nc", "contest.csv"}
     with xr.open_dataset("found/contest.nc", engine="h5netcdf") as found:
         assert found["crowd"].values.tolist() == [0.25, 0.75]
@@ -258,6 +258,9 @@ def test_evaluate_keeps_the_noise_that_a_policy_was_trained_with():
         (["unfinished"], "unfinished must be finished; to go on with it: swarm train resume=unfinished"),
         (["finished", "--cells", "0"], "cells must be a whole number"),
         (["finished", "--out", "finished"], "finished must be a new or an empty folder"),
+        (["finished", "--format", "pdf"], "--format must be md or tex without --out, got 'pdf'"),
+        (["finished", "--out", "new", "--format", "tex,pfd"], "got 'pfd'; did you mean 'pdf'?"),
+        (["finished", "--life", "-1"], "life must"),
     ],
 )
 def test_compare_refuses_what_it_cannot_do(words, said):
@@ -265,6 +268,26 @@ def test_compare_refuses_what_it_cannot_do(words, said):
     start("unfinished", settings)
     whole("finished", settings).mark_finished()
     assert said in refused("compare", *words)
+    assert not Path("new").exists()
+
+
+def test_compare_prints_and_writes_tables_and_figures_in_every_format():
+    whole("finished", short_settings(learning={"epochs": 1})).mark_finished()
+    words = ["compare", "finished", "--cells", "2", "--life", "3"]
+    code, printed, _ = run(*words, "--format", "md")
+    assert (code, printed.splitlines()[1][:5]) == (0, "| :--")
+    assert run(*words, "--out", "found", "--format", "md,tex, pdf,svg")[0] == 0
+    beginnings = {
+        "md": b"| runs",
+        "tex": rb"\begin{tabular}",
+        "pdf": b"%PDF",
+        "svg": b"<?xml",
+        "csv": b"runs,",
+    }
+    found = {path.suffix[1:]: path.read_bytes() for path in Path("found").iterdir()}
+    assert {kind: found.pop(kind)[: len(start)] for kind, start in beginnings.items()} == beginnings
+    assert json.loads(found.pop("json"))["groups"][0]["life"] == 3.0
+    assert not found
 
 
 @pytest.mark.parametrize(

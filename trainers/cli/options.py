@@ -13,6 +13,12 @@ Cells = Annotated[int | None, typer.Option(help="How many cells; default: as the
 Life = Annotated[float | None, typer.Option(help="Length of a life, t_life; default: alike, or 80.")]
 Seed = Annotated[int, typer.Option(help="Seed of the starts.")]
 NewFolder = Annotated[Path | None, typer.Option(help="New folder for tables, results and figures.")]
+Formats = typer.Option(
+    "--format",
+    help="What --out holds besides the numbers, separated by commas: tables (md, tex) and figures (png, pdf, "
+    "svg); default: png. Without --out, md or tex is printed.",
+    metavar="FORMAT,...",
+)
 Worlds = typer.Option(help="How many worlds of so many cells; default: as its own, or 1; a contest 40.")
 Against = typer.Option(help="A policy to race against in the same worlds.", metavar="POLICY")
 Share = typer.Option(help="Of the cells, which the first policy steers against the other; default: 0.5.")

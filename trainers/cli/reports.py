@@ -50,7 +50,7 @@ def check() -> None:
 
     found = run_checks()
     results = {True: "passed", False: "FAILED", None: "skipped"}
-    rows = [[each.name, results[each.passed], each.detail] for each in found]
-    print_table(["check", "result", "detail"], rows)
+    rows = [[results[each.passed], each.name, each.detail] for each in found]
+    print_table(["result", "check", "detail"], rows)
     if any(each.passed is False for each in found):
         raise typer.Exit(1)
