@@ -48,11 +48,7 @@ def check_seed(seed: int) -> int:
     return number
 
 
-<<<<<<< HEAD
-def drawn_seed() -> int:
-=======
 def entropy() -> int:
->>>>>>> main
     """A seed from the operating system; the global generators stay as they are."""
     return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
 

@@ -106,23 +106,8 @@ class Arena:
         and where it holds None, its own next episode or a drawn one's first. Poses may be given:
         `options["position"]` (cells, 2) [length], `options["heading"]` (cells,) [rad].
         """
-<<<<<<< HEAD
-        if seed is not None:
-            seed, episode = streams.check_seed(seed), 0
-        elif self.seed is not None:
-            seed, episode = self.seed, int(self.episode.max()) + 1
-        else:
-            seed, episode = streams.drawn_seed(), 0
-        starts = self._starts(seed, episode)
-        options = options or {}
-        position = self._option(options, "position", starts.position)
-        heading = self._option(options, "heading", starts.heading)
-        noise = self._record_noise(seed, episode)
-        state = self.world.start(position, heading, starts.past, self._factors(starts), noise)
-=======
         seeds, episode = self._next(seed)
         state, action = self._begin(seeds, episode, options or {})
->>>>>>> main
         observation = self.world.observation(state)
         gain = np.zeros(self.n_swimmers, self.dtype)
         self._check_finite(state, observation, gain)

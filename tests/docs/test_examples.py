@@ -90,13 +90,8 @@ class TestText:
     def test_what_it_takes_from_here_is_there(self, path):
         for node in ast.walk(tree(path)):
             if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in OURS:
-<<<<<<< HEAD
-                assert importlib.util.find_spec(node.module)
-                module = pytest.importorskip(node.module, exc_type=ImportError)  # of another library's
-=======
                 reason = "what it is a face of is not installed"
                 module = pytest.importorskip(node.module, reason=reason, exc_type=ImportError)
->>>>>>> main
                 assert all(hasattr(module, alias.name) for alias in node.names)
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in OURS:
                 assert hasattr(importlib.import_module(node.value.id), node.attr)

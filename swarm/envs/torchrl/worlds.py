@@ -63,7 +63,7 @@ class Worlds:
         self._state: State | None = None  # in the library that computes it
         self.observation: Tensor | None = None
         self._gain: Array = None  # in a medium, in which others eat where a cell has finished
-        self.set_seeds([streams.drawn_seed()] if seeds is None else seeds)
+        self.set_seeds([streams.entropy()] if seeds is None else seeds)
         self._drawn = seeds is None
 
     @property
