@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, Normalize, to_hex, to_rgb
+from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
@@ -74,7 +74,18 @@ LOOKS = {
     "arrival": Look("reward arrival", "#CC79A7", (0, (5, 1, 1, 1)), "H"),
     "learnt": Look("learnt", "#0072B2", "-", "8"),
 }
-SPARE = ("#56B4E9", "#CC79A7", "#E69F00", "#999999")
+SPARE = ("#56B4E9", "#CC79A7", "#E69F00", "#4B0082")
+ON_DARK = {  # the same colours for dark water, as far apart for every eye
+    "#0072B2": "#5AB4FF",
+    "#E69F00": "#FFD24A",
+    "#D55E00": "#FF8A4C",
+    "#009E73": "#2FD6A1",
+    "#777777": "#8B939C",
+    "#222222": "#FFFFFF",
+    "#CC79A7": "#FF8AD0",
+    "#56B4E9": "#B5E3FF",
+    "#4B0082": "#9D7BFF",
+}
 DARK_IS_HIGH = LinearSegmentedColormap.from_list("dark is high", ["#ffffff", "#8f9aa5"])
 BRIGHT_IS_FAST = LinearSegmentedColormap.from_list("bright is fast", ["#8f9aa5", "#ffffff"])
 
@@ -148,11 +159,8 @@ def team_colours(names: Sequence[str]) -> list[str]:
 
 
 def on_dark(colour: str) -> str:
-    """The colour, made lighter until it can be seen on dark water."""
-    rgb = np.array(to_rgb(colour))
-    luminance = float(rgb @ (0.2126, 0.7152, 0.0722))
-    red, green, blue = rgb + (1 - rgb) * max(0.0, (0.5 - luminance) / (1 - luminance))
-    return to_hex((red, green, blue))
+    """The colour as it is on dark water."""
+    return ON_DARK.get(colour, colour)
 
 
 def chosen_policies(results: xr.Dataset, policies: Sequence[str] | None = None) -> list[str]:

@@ -99,16 +99,18 @@ def evaluate(
     life: float = 200.0,
     seed: int = 0,
     name: str | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Evaluation:
     """Tests a policy, greedy and swinging on the same starts, `cells` of them in each of `worlds` worlds.
 
-    `policy` is a name, a path or a policy itself; `name` is what the summary calls it. Raises PolicyError for
-    a policy that cannot be had.
+    `policy` is a name, a path or a policy itself; `name` is what the summary calls it; `progress` as in
+    `population_test`. Raises PolicyError for a policy that cannot be had.
     """
     world = world.replace(life=life)
     known, label, player = contender(policy, world, name)
     policies = {label: player, RIVAL: Greedy(), "swinging": Swinging()}
-    results = population_test(world, policies, cells=cells, worlds=worlds, life=life, seed=seed)
+    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
+    results = population_test(world, policies, **sizes, progress=progress)
     numbers = statistics(results)
     summary = summarise(results, numbers, label, policy=known, experiment=experiment)
     return Evaluation(summary, results, table(results, numbers, egg=world.egg is not None), world, label)
@@ -124,6 +126,7 @@ def compete(
     worlds: int = 40,
     life: float = 200.0,
     seed: int = 0,
+    progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """A [`contest`][swarm.population.contests.contest] of two policies by their names or paths, of which the
     first steers a `share` of the cells; where nobody races in the world, to the first arrival.
@@ -131,7 +134,7 @@ def compete(
     Raises PolicyError for a policy that cannot be had, and as `contest` does.
     """
     world, players, shares = rivals(policy, rival, world.replace(life=life), share)
-    return contest(world, players, shares, cells=cells, worlds=worlds, seed=seed)
+    return contest(world, players, shares, cells=cells, worlds=worlds, seed=seed, progress=progress)
 
 
 def rivals(

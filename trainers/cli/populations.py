@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from trainers.cli.app import app
+from trainers.cli.listing import Listing
 from trainers.cli.options import (
     POLICY,
     Against,
@@ -21,13 +22,14 @@ from trainers.cli.options import (
     Picture,
     Seed,
     Share,
+    ShortLife,
     Size,
     Worlds,
 )
 from trainers.cli.told import print_test
 
 
-@app.command()
+@app.command(cls=Listing)
 def evaluate(
     policy: Annotated[str, typer.Argument(help=f"{POLICY}.")],
     experiment: Experiment = None,
@@ -90,12 +92,12 @@ def compare(
         print(f"table and figure are in {out}")
 
 
-@app.command()
+@app.command(cls=Listing)
 def watch(
     policy: Annotated[str, typer.Argument(help=f"{POLICY}; or a population.nc, for a page.")],
     experiment: Experiment = None,
     cells: Cells = None,
-    life: Life = None,
+    life: ShortLife = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the starts; default: 0.")] = None,
     against: Annotated[str | None, Against] = None,
     share: Annotated[float | None, Share] = None,

@@ -1,9 +1,10 @@
 """Runs side by side: the same test for every policy, grouped by what differs besides the seed."""
 
+import functools
 import itertools
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 from swarm._support import files, provenance
 from swarm._support.checks import check_name
 from swarm._support.tables import Table, percent, span
-from swarm._support.terminal import dispensable
+from swarm._support.terminal import Progress, dispensable
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
 from swarm.population.evaluation import TO_THE_EGG
@@ -121,10 +122,19 @@ def compare(
     for folder in found:
         if not RunFolder(folder).finished:
             raise RunError(f"{folder} must be finished; to go on with it: swarm train resume={folder}")
-    groups = grouped([each for folder in found for each in _tested(folder, cells, worlds, life, seed)])
+    contenders: list[Contender] = []
+    with Progress("tests", len(found)) as bar:
+        for done, folder in enumerate(found):
+            report = functools.partial(_show, bar, done, len(found))
+            contenders += _tested(folder, cells, worlds, life, seed, report)
+    groups = grouped(contenders)
     if out is not None:
         _write(out, groups, {"runs": [str(path) for path in found], "seed": seed}, formats)
     return groups
+
+
+def _show(bar: Progress, done: int, of: int, part: float) -> None:
+    bar.show(done + part, text=f"{done + 1}/{of}")
 
 
 def _write(out: Path, groups: Sequence[Group], about: dict[str, Any], formats: Sequence[str]) -> None:
@@ -216,7 +226,12 @@ def written(groups: Sequence[Group], kind: str) -> str:
 
 
 def _tested(
-    folder: Path, cells: int | None, worlds: int | None, life: float | None, seed: int
+    folder: Path,
+    cells: int | None,
+    worlds: int | None,
+    life: float | None,
+    seed: int,
+    progress: Callable[[float], None],
 ) -> list[Contender]:
     run, stored = RunFolder.open(folder)
     settings = settings_from_stored(stored, run.path)
@@ -227,7 +242,7 @@ def _tested(
     cells, worlds = (usual[0] if cells is None else cells), (usual[1] if worlds is None else worlds)
     life = world.life if life is None else life
     sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
-    results = population_test(world, policies, **sizes, record=False)
+    results = population_test(world, policies, **sizes, record=False, progress=progress)
     gains, times = (
         dict(zip(results["policy"].values, each.values.reshape(-1, worlds, cells), strict=True))
         for each in (results["gain"], times_to_egg(results))
