@@ -20,7 +20,7 @@ Amount = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
 Part = Annotated[float, Field(strict=True, ge=0, le=1, allow_inf_nan=False)]
 Share = Annotated[float, Field(strict=True, gt=0, le=1, allow_inf_nan=False)]
 Flag = Annotated[bool, Field(strict=True)]
-Sizes = Annotated[list[Count], Field(min_length=1)]
+Sizes = list[Count]  # none: the outputs are linear in what is observed
 
 
 @dataclass(config=RULES, frozen=True, kw_only=True)
@@ -98,4 +98,23 @@ class PPOSettings(LearningSettings):
     max_gradient: Positive = 0.5  # norm that gradients are scaled down to
     learning_rate: Positive = 3e-3
     learning_rate_schedule: Literal["inverse_time", "linear"] = "linear"
+    keep: Literal["last", "best"] = "best"
+
+
+@ALGORITHMS.register("evolution")
+@dataclass(config=RULES, frozen=True, kw_only=True)
+class EvolutionSettings(LearningSettings):
+    """Evolution strategy (CMA-ES, Hansen 2016): no gradients; none of its numbers is the paper's.
+
+    An epoch is a generation, and each world of a seed has a candidate of its own. What learns by gradients
+    alone, `batch_size`, `discount` and the rates, is not used.
+    """
+
+    learner: ClassVar[Any] = "trainers.algorithms.evolution:Evolution"
+    n_swimmers: Count = 20
+    n_worlds: Annotated[Count, Field(ge=4)] = 16  # candidates of a generation
+    epochs: Count = 150
+    collect: Whole = 16
+    hidden: Sizes = dataclasses.field(default_factory=lambda: [8])
+    step_size: Positive = 0.5  # σ of the first generation's weights about those of a fresh network
     keep: Literal["last", "best"] = "best"

@@ -1,0 +1,149 @@
+"""Evolution strategies: the weights themselves are searched, by what the cells that they steer gain.
+
+CMA-ES (Hansen 2016, arXiv:1604.00772) of the package `cma`, one search for each seed. An epoch is a
+generation: each world of a seed is steered by a candidate of its own, whose fitness is the mean gain there.
+"""
+
+import itertools
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+import numpy as np
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor, nn
+
+from swarm._support import streams
+from swarm.envs.torchrl import SwarmEnv
+from trainers.algorithms.base import Algorithm
+from trainers.algorithms.collector import SeedCollector
+from trainers.algorithms.networks import SeedLinear, seed_mlp
+from trainers.settings.learning import EvolutionSettings
+from trainers.settings.schema import Settings
+
+
+def searched_parameters(sizes: Sequence[int]) -> int:
+    """Numbers that decide what a network of these layers does: of the outputs only differences count, so the
+    first action's is 0.
+    """
+    decided = (*sizes[:-1], sizes[-1] - 1)
+    return sum(inputs * outputs + outputs for inputs, outputs in itertools.pairwise(decided))
+
+
+class Candidates(TensorDictModuleBase):
+    """Every world is steered by a network of its own, which always takes the best action."""
+
+    in_keys = ["observation"]
+    out_keys = ["action"]
+
+    def __init__(self, networks: nn.Module, n_worlds: int) -> None:
+        super().__init__()
+        self.networks, self.n_worlds = networks, n_worlds
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        seen = tensordict["observation"]
+        values = self.networks(seen.reshape(self.n_worlds, -1, seen.shape[-1]))
+        return tensordict.set("action", values.argmax(-1).reshape(seen.shape[:-1]))
+
+
+class Evolution(Algorithm):
+    """Asks for a generation of candidates, lets each live, and tells what they gained."""
+
+    metrics = ("fitness", "step_size")
+    settings: EvolutionSettings
+
+    def __init__(self, env: SwarmEnv, settings: Settings) -> None:
+        with warnings.catch_warnings():  # of what it would plot with
+            warnings.simplefilter("ignore")
+            from cma import CMAEvolutionStrategy
+
+        self.env, self.settings = env, cast(EvolutionSettings, settings.learning)
+        self.policy = seed_mlp(settings.layers, self.keys("network"), env.device)
+        self.networks = seed_mlp(settings.layers, [0] * env.n_worlds, env.device)
+        self.collector = SeedCollector(env, Candidates(self.networks, env.n_worlds))
+        shape = len(env.seeds), env.n_worlds // len(env.seeds)
+        self.fitness = torch.zeros(0, *shape, dtype=torch.float64)  # of all generations so far
+        self.noise: list[np.random.Generator] = []
+        options = {"popsize": shape[1], "seed": np.nan, "verbose": -9, "maxiter": np.inf}
+        self.searches: list[Any] = [
+            CMAEvolutionStrategy(
+                start, self.settings.step_size, options | {"randn": lambda *size, at=place: self._normal(at, size)}
+            )
+            for place, start in enumerate(_flat(self.policy))
+        ]  # fmt: skip
+
+    def _normal(self, place: int, size: tuple[int, ...]) -> np.ndarray:
+        return self.noise[place].standard_normal(size)
+
+    def _ask(self, epoch: int) -> None:
+        """The candidates of a generation; its random numbers are its own."""
+        self.noise = [streams.generator("training", "network", seed, epoch) for seed in self.env.seeds]
+        self.asked = [search.ask() for search in self.searches]
+
+    def _tell(self, fitness: Tensor) -> None:
+        for search, asked, found in zip(self.searches, self.asked, fitness.numpy(), strict=True):
+            search.tell(asked, (-found).tolist())
+
+    def begin(self, epoch: int) -> None:
+        self._ask(epoch)
+        _put(self.networks, np.concatenate(self.asked))
+
+    def learn(self, rollout: TensorDict, progress: float) -> dict[str, Tensor | float] | None:
+        """Once all have lived, what they gained; the policy is the mean of the search."""
+        if not self.env.all_finished():
+            return None
+        fitness = self.env.gain().double().mean(-1).reshape(self.fitness.shape[1:]).cpu()
+        self._tell(fitness)
+        self.fitness = torch.cat([self.fitness, fitness[None]])
+        self.updates += 1
+        _put(self.policy, np.stack([search.mean for search in self.searches]))
+        steps = torch.tensor([float(search.sigma) for search in self.searches])
+        return {"fitness": fitness.mean(-1), "step_size": steps}
+
+    def tensors(self) -> dict[str, Tensor]:
+        held = self.policy.state_dict(keep_vars=True)
+        return {f"policy.{name}": tensor for name, tensor in held.items()} | {"fitness": self.fitness}
+
+    def growing(self) -> dict[str, int]:
+        return {"fitness": self.settings.epochs}
+
+    def restore(self, tensors: Mapping[str, Tensor], counters: Mapping[str, int]) -> None:
+        """Searches are told again what they were told: they keep more than they show."""
+        self.fitness = tensors["fitness"].clone()
+        if not self.fitness.isfinite().all():
+            raise ValueError("fitness must be finite")
+        for epoch, fitness in enumerate(self.fitness):
+            self._ask(epoch)
+            self._tell(fitness)
+        super().restore(tensors, counters)
+
+
+def _flat(networks: nn.Module) -> np.ndarray:
+    """What decides (networks, parameters): all layers, of the last the differences to the first output."""
+    parts: list[np.ndarray] = []
+    for held in _layers(networks):
+        arrays = [part.detach().cpu().double().numpy() for part in held]
+        last = held is _layers(networks)[-1]
+        arrays = [array[..., 1:] - array[..., :1] for array in arrays] if last else arrays
+        parts += [array.reshape(len(array), -1) for array in arrays]
+    return np.concatenate(parts, axis=1)
+
+
+@torch.no_grad()
+def _put(networks: nn.Module, flat: np.ndarray) -> None:
+    """The inverse of `_flat`; the first output is 0."""
+    numbers, layers, used = torch.as_tensor(flat), _layers(networks), 0
+    for place, held in enumerate(layers):
+        for part in held:
+            target = part[..., 1:] if place == len(layers) - 1 else part
+            size = target[0].numel()
+            target.copy_(numbers[:, used : used + size].reshape(target.shape))
+            used += size
+            if target is not part:
+                part[..., 0] = 0.0
+
+
+def _layers(networks: nn.Module) -> list[tuple[Tensor, Tensor]]:
+    return [(each.weight, each.bias) for each in networks.modules() if isinstance(each, SeedLinear)]

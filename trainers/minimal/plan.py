@@ -1,0 +1,63 @@
+"""The plan of the study: which networks are trained, searched and pruned, and where they are tested."""
+
+import dataclasses
+import itertools
+from dataclasses import dataclass
+
+from swarm.physics.world import World
+from trainers.paper.plan import TrainingPlan
+from trainers.settings.composition import SettingsError
+
+DQN, EVOLUTION = "dqn", "evolution"
+ATTAINABLE = {"linear_n2": 28.2}  # about the most that two records allow, where the limit is out of reach
+GENERATIONS = "learning.epochs=60"  # of evolution strategies: the gain grows no more after about 40
+
+
+@dataclass(frozen=True)
+class MinimalPlan(TrainingPlan):
+    """What decides the study."""
+
+    recipes: tuple[str, ...] = ("swarm",)
+    n_seeds: int = 5
+    experiments: tuple[str, ...] = dataclasses.field(init=False)  # an algorithm on a rung of the ladder
+    cases: tuple[str, ...] = ("linear_n4",)  # experiments to find the smallest brain for
+    nodes: tuple[int, ...] = (0, 1, 2, 3, 4, 8, 24)  # of one tanh layer; 0: none
+    algorithms: tuple[str, ...] = (DQN, EVOLUTION)
+    thinned: tuple[int, ...] = (0, 2)  # rungs whose search goes on with ever fewer parameters
+    most_thinned: int = 24  # parameters where that begins at most: the largest are left
+    candidates: int = 16  # of a generation of a search
+    generations: int = 25  # of a search that goes on with one parameter less
+    genomes: int = 60  # of a generation of NEAT
+    neat_generations: int = 60
+    fitness_cells: int = 20  # whose mean gain is a fitness
+    cells: int = 100  # of validation and of the test
+    seed: int = 300  # of validation and test populations
+
+    def __post_init__(self) -> None:
+        found = itertools.product(self.cases, self.algorithms, self.nodes)
+        object.__setattr__(self, "experiments", tuple(rung(*each) for each in found))
+        for case in self.cases:
+            world = self.settings(self.recipes[0], rung(case, DQN, 0)).test_world()
+            if world.n_actions != 2 or world.is_shared:
+                rule = "the smallest brain must choose one of two curvatures for cells that live alone"
+                raise SettingsError(f"{rule}, got experiment={case}")
+
+    def chosen(self, experiment: str) -> tuple[str, ...]:
+        """The words that choose the settings of a rung."""
+        case, algorithm, nodes = experiment.rsplit("_", 2)
+        hidden = "" if nodes == "0" else nodes
+        words = (f"experiment={case}", f"algorithm={algorithm}", f"learning.hidden=[{hidden}]")
+        return (*words, GENERATIONS) if algorithm == EVOLUTION else words
+
+    def test_world(self, case: str) -> World:
+        """The world of a test, with its life."""
+        return self.settings(self.recipes[0], rung(case, DQN, 0)).test_world()
+
+    def training_world(self, case: str) -> World:
+        """The world whose gains are fitness."""
+        return self.settings(self.recipes[0], rung(case, DQN, 0)).training_world()
+
+
+def rung(case: str, algorithm: str, nodes: int) -> str:
+    """What a training is called."""
+    return f"{case}_{algorithm}_{nodes}"
