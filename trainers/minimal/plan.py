@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 from dataclasses import dataclass
 
+from swarm.optimal.problem import why_no_limit
 from swarm.physics.world import World
 from trainers.paper.plan import TrainingPlan
 from trainers.settings.composition import SettingsError
@@ -38,9 +39,9 @@ class MinimalPlan(TrainingPlan):
         object.__setattr__(self, "experiments", tuple(rung(*each) for each in found))
         for case in self.cases:
             world = self.settings(self.recipes[0], rung(case, DQN, 0)).test_world()
-            if world.n_actions != 2 or world.is_shared:
-                rule = "the smallest brain must choose one of two curvatures for cells that live alone"
-                raise SettingsError(f"{rule}, got experiment={case}")
+            rule = why_no_limit(world) or ("two curvatures" if world.n_actions != 2 else None)
+            if rule is not None:
+                raise SettingsError(f"the smallest brain must have {rule}; experiment={case}")
 
     def chosen(self, experiment: str) -> tuple[str, ...]:
         """The words that choose the settings of a rung."""

@@ -63,9 +63,7 @@ def fitness_of(
         for seed in range(n_seeds)
     ]
     each = len(brains) // n_seeds
-    starts = type(begun[0])(
-        *(np.repeat(np.stack(parts), each, axis=0) for parts in zip(*begun, strict=True))
-    )
+    starts = type(begun[0])(*(np.repeat(np.stack(parts), each, axis=0) for parts in zip(*begun, strict=True)))
     return gains(world, brains, Starts(*starts), stage, population="training").mean(axis=1)
 
 
@@ -108,5 +106,3 @@ def machine(world: World, plan: MinimalPlan) -> Brains:
     free = np.zeros((plan.n_seeds, inputs + 1), bool)
     free[:, [1, -1]] = True
     return searched(world, Brains(weights, biases), free, plan, 900, np.full(plan.n_seeds, 0.3))
-
-

@@ -1,0 +1,110 @@
+"""The study of the smallest brain: training, searching, measuring, drawing and writing, in this order.
+
+Trainings are run folders in OUT/runs; what was searched is kept in OUT/searched. Both are used again by a
+study that goes on. Every other file is written again at the end, each whole.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarm._support import provenance
+from swarm._support.tables import Table
+from swarm.physics.starts import draw_starts
+from trainers.jobs.executors import Task
+from trainers.minimal import drawing, illustrations, report
+from trainers.minimal.brain import gains
+from trainers.minimal.illustrations import LEVELS
+from trainers.minimal.measurements import METHODS, CaseFindings, Rung, kept, measure, validation_gains
+from trainers.minimal.plan import MinimalPlan, rung
+from trainers.minimal.report import Drawn
+from trainers.paper import stacks
+from trainers.paper.delivery import RECORD, REPORT, Delivery, do, staging, write_json
+from trainers.paper.plan import Training, trainings
+
+RESULTS, SEARCHED, DIGITS = "results.csv", "searched", 6
+DELIVERY = Delivery((RESULTS,), (illustrations.FOLDER,))
+ROUNDING = 1e-3  # part of the gain that rounding may cost
+
+
+def study(plan: MinimalPlan, out: Path, publish: Path | None = None) -> dict[str, CaseFindings]:
+    """Find the smallest brains, and report into `out`, with a copy of all but runs and searches in `publish`.
+
+    Raises ReproductionError, SettingsError, KeyboardInterrupt or OSError.
+    """
+    for folder in (out, publish or out):
+        DELIVERY.check(folder)
+    planned = trainings(plan, out)
+    do(plan.workers, stacks.tasks(planned), "trainings")
+    trained = {each.experiment: stacks.policies_of(each) for each in planned}
+    tasks = [
+        Task(f"{case} by {METHODS[method]}", kept, (method, case, plan, networks, out / SEARCHED))
+        for case in plan.cases
+        for networks in [_networks(plan, case, trained)]
+        for method in METHODS
+    ]
+    of_case: dict[str, list[Rung]] = {case: [] for case in plan.cases}
+    for task, rungs in zip(tasks, do(plan.workers, tasks, "searches"), strict=True):
+        of_case[task.arguments[1]] += rungs
+    measuring = [Task(case, measure, (case, plan, found)) for case, found in of_case.items()]
+    found = dict(zip(plan.cases, do(plan.workers, measuring, "tests"), strict=True))
+    with staging(out) as staged:
+        _write(staged, plan, found, planned)
+        for folder in (publish, out):
+            if folder is not None:
+                DELIVERY.put_in_place(staged, folder)
+    return found
+
+
+def _networks(
+    plan: MinimalPlan, case: str, trained: Mapping[str, Sequence[Any]]
+) -> dict[tuple[str, int], Sequence[Any]]:
+    """Of an experiment the trained networks by algorithm and nodes."""
+    return {
+        (algorithm, nodes): trained[rung(case, algorithm, nodes)]
+        for algorithm in plan.algorithms
+        for nodes in plan.nodes
+    }
+
+
+def chosen(case: str, plan: MinimalPlan, found: CaseFindings) -> Drawn:
+    """The smallest brain of all methods that reaches the highest level that any does, of the seed that
+    validation prefers, its numbers rounded as far as that costs next to nothing.
+    """
+    for level in (*LEVELS[::-1], 0.0):
+        fit = [each for method in METHODS if (each := found.smallest(method, level))]
+        if fit:
+            break
+    source = min(fit, key=lambda each: (each.rung.parameters, -float(each.validation.mean())))
+    seed = int(np.argmax(source.validation))
+    exact = source.rung.brains[seed : seed + 1]
+    for digits in range(1, 7):
+        brain = drawing.rounded(exact, digits)
+        if validation_gains(case, plan, brain)[0] >= (1 - ROUNDING) * source.validation[seed]:
+            break
+    world = plan.test_world(case)
+    starts = draw_starts(world, plan.cells, plan.seed)
+    gain = float(gains(world, brain, starts, plan.seed, population="test").mean())
+    return Drawn(source, seed, digits, brain, gain)
+
+
+def _write(
+    folder: Path, plan: MinimalPlan, found: Mapping[str, CaseFindings], planned: Sequence[Training]
+) -> None:
+    illustrations.draw(found, folder)
+    drawn = {case: chosen(case, plan, each) for case, each in found.items()}
+    for case, each in drawn.items():
+        path = folder / illustrations.FOLDER / f"brain_{case}.svg"
+        drawing.draw(each.brain, each.digits, f"{case}: {int(each.brain.parameters[0])} parameters", path)
+    rows = [row for case, each in found.items() for row in report.rows(case, each)]
+    (folder / RESULTS).write_text(Table.of(rows).as_csv(DIGITS), encoding="utf-8")
+    plain = dataclasses.asdict(plan)
+    plain.pop("workers")  # no number depends on it
+    settings = {each.experiment: dataclasses.asdict(each.settings) for each in planned}
+    gained = {case: {"gain": each.gain, "inputs": each.brain.inputs} for case, each in drawn.items()}
+    origin = {"versions": provenance.versions(), "commit": provenance.commit()}
+    write_json(folder / RECORD, {"plan": plain, **origin, "drawn": gained, "trainings": settings})
+    (folder / REPORT).write_text(report.text(plan, found, drawn), encoding="utf-8")
