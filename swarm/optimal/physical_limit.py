@@ -87,16 +87,23 @@ class Optimal:
         self._world = world
         self._problem, self._tables = _policy(world)
 
-    def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
-        """Actions (..., cells). A world other than the one it was made for is solved when it comes."""
+    def scores(self, world: World, state: State) -> np.ndarray:
+        """What lives (actions, ..., cells) can still gain that go on with each action, at best [length].
+
+        A world other than the one it was made for is solved when it comes.
+        """
         if world is not self._world:
             self._world = world
             self._problem, self._tables = _policy(world)
         problem, cells = self._problem, tuple(state.clock.shape)
         pose = Pose(*(_numpy(part).reshape(-1, 2) for part in state.pose))
         left = problem.life_ticks - _numpy(state.clock).reshape(-1).astype(np.int64)
-        scores = [_score(problem, self._tables, pose, left, action) for action in range(len(problem.ticks))]
-        action = np.argmax(scores, axis=0).reshape(cells)
+        found = [_score(problem, self._tables, pose, left, action) for action in range(len(problem.ticks))]
+        return np.reshape(found, (-1, *cells))
+
+    def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
+        """Actions (..., cells)."""
+        action = np.argmax(self.scores(world, state), axis=0)
         return as_array(action, state.clock, dtype=namespace(state.clock).int32)
 
 

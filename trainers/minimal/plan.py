@@ -11,7 +11,8 @@ from trainers.settings.composition import SettingsError
 
 DQN, EVOLUTION = "dqn", "evolution"
 ATTAINABLE = {"linear_n2": 28.2}  # about the most that two records allow, where the limit is out of reach
-GENERATIONS = "learning.epochs=60"  # of evolution strategies: the gain grows no more after about 40
+VALIDATION = "validation.cells=50"
+SHORT = ("learning.epochs=40", "world.life=40.0")  # of evolution strategies: half a life ranks as well
 
 
 @dataclass(frozen=True)
@@ -24,13 +25,14 @@ class MinimalPlan(TrainingPlan):
     cases: tuple[str, ...] = ("linear_n4",)  # experiments to find the smallest brain for
     nodes: tuple[int, ...] = (0, 1, 2, 3, 4, 8, 24)  # of one tanh layer; 0: none
     algorithms: tuple[str, ...] = (DQN, EVOLUTION)
-    thinned: tuple[int, ...] = (0, 2)  # rungs whose search goes on with ever fewer parameters
+    thinned: tuple[int, ...] = (0,)  # rungs whose search goes on with ever fewer parameters
     most_thinned: int = 24  # parameters where that begins at most: the largest are left
     candidates: int = 16  # of a generation of a search
-    generations: int = 25  # of a search that goes on with one parameter less
+    generations: int = 15  # of a search that goes on with one parameter less
     genomes: int = 60  # of a generation of NEAT
     neat_generations: int = 60
     fitness_cells: int = 20  # whose mean gain is a fitness
+    fitness_life: float = 40.0  # [time]
     cells: int = 100  # of validation and of the test
     seed: int = 300  # of validation and test populations
 
@@ -47,8 +49,8 @@ class MinimalPlan(TrainingPlan):
         """The words that choose the settings of a rung."""
         case, algorithm, nodes = experiment.rsplit("_", 2)
         hidden = "" if nodes == "0" else nodes
-        words = (f"experiment={case}", f"algorithm={algorithm}", f"learning.hidden=[{hidden}]")
-        return (*words, GENERATIONS) if algorithm == EVOLUTION else words
+        words = (f"experiment={case}", f"algorithm={algorithm}", f"learning.hidden=[{hidden}]", VALIDATION)
+        return (*words, *SHORT) if algorithm == EVOLUTION else words
 
     def test_world(self, case: str) -> World:
         """The world of a test, with its life."""
@@ -56,7 +58,8 @@ class MinimalPlan(TrainingPlan):
 
     def training_world(self, case: str) -> World:
         """The world whose gains are fitness."""
-        return self.settings(self.recipes[0], rung(case, DQN, 0)).training_world()
+        settings = self.settings(self.recipes[0], rung(case, DQN, 0))
+        return settings.training_world().replace(life=self.fitness_life)
 
 
 def rung(case: str, algorithm: str, nodes: int) -> str:

@@ -113,7 +113,7 @@ class EvolutionSettings(LearningSettings):
     learner: ClassVar[Any] = "trainers.algorithms.evolution:Evolution"
     n_swimmers: Count = 20
     n_worlds: Annotated[Count, Field(ge=4)] = 16  # candidates of a generation
-    epochs: Count = 150
+    epochs: Count = 60
     collect: Whole = 16
     hidden: Sizes = dataclasses.field(default_factory=lambda: [8])
     step_size: Positive = 0.5  # σ of the first generation's weights about those of a fresh network
