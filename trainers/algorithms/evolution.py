@@ -4,9 +4,9 @@ CMA-ES (Hansen 2016, arXiv:1604.00772) of the package `cma`, one search for each
 generation: each world of a seed is steered by a candidate of its own, whose fitness is the mean gain there.
 """
 
-import itertools
+import functools
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, cast
 
 import numpy as np
@@ -22,14 +22,6 @@ from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.networks import SeedLinear, seed_mlp
 from trainers.settings.learning import EvolutionSettings
 from trainers.settings.schema import Settings
-
-
-def searched_parameters(sizes: Sequence[int]) -> int:
-    """Numbers that decide what a network of these layers does: of the outputs only differences count, so the
-    first action's is 0.
-    """
-    decided = (*sizes[:-1], sizes[-1] - 1)
-    return sum(inputs * outputs + outputs for inputs, outputs in itertools.pairwise(decided))
 
 
 class Candidates(TensorDictModuleBase):
@@ -66,15 +58,17 @@ class Evolution(Algorithm):
         shape = len(env.seeds), env.n_worlds // len(env.seeds)
         self.fitness = torch.zeros(0, *shape, dtype=torch.float64)  # of all generations so far
         self.noise: list[np.random.Generator] = []
-        options = {"popsize": shape[1], "seed": np.nan, "verbose": -9, "maxiter": np.inf}
+        options = {"popsize": shape[1], "seed": np.nan, "verbose": -9}
         self.searches: list[Any] = [
             CMAEvolutionStrategy(
-                start, self.settings.step_size, options | {"randn": lambda *size, at=place: self._normal(at, size)}
+                start,
+                self.settings.step_size,
+                {**options, "randn": functools.partial(self._normal, place)},
             )
             for place, start in enumerate(_flat(self.policy))
-        ]  # fmt: skip
+        ]
 
-    def _normal(self, place: int, size: tuple[int, ...]) -> np.ndarray:
+    def _normal(self, place: int, *size: int) -> np.ndarray:
         return self.noise[place].standard_normal(size)
 
     def _ask(self, epoch: int) -> None:

@@ -106,37 +106,30 @@ def _signed(number: float, digits: int) -> str:
 
 def words(brain: Brains, world: World) -> str:
     """What a single brain computes, in words, read off its numbers."""
-    turn = 2 * np.pi / (world.mean_curvature * world.speed)
-    interval = float(world.intervals[0])
+    angle = world.mean_curvature * world.speed * float(world.intervals[0])  # that an interval turns [rad]
     said = []
     for row, name in enumerate([*(_named("h", node) for node in range(brain.nodes)), "The output"]):
-        seen = brain.weights[0, row, : brain.inputs]
-        concentrations, curvatures = seen[::2], seen[1::2]
+        concentrations, curvatures = (brain.weights[0, row, at : brain.inputs : 2] for at in (0, 1))
         if not concentrations.any():
             continue
         about_mean = concentrations - concentrations.mean()  # c* is measured from the memory's mean
-        response = np.sum(about_mean * np.exp(-2j * np.pi * interval / turn * np.arange(len(about_mean))))
+        response = np.sum(about_mean * np.exp(-1j * angle * np.arange(len(about_mean))))
         lag = -np.degrees(np.angle(response))
         where = "behind" if lag >= 0 else "ahead of"
         text = f"{name} follows the concentration, {abs(lag):.0f}° of a turn {where} it"
         if curvatures.any():
             push, bias = float(curvatures.sum()), float(brain.biases[0, row])
-            level = [-bias - push * sign for sign in (1, -1)]
+            held = "it holds on to a curvature once taken" if push > 0 else "it presses for a change"
             text += (
-                f"; its threshold is {level[0]:+.2f} while the records are of κ₂ and {level[1]:+.2f} while they "
-                f"are of κ₁, of a signal that swings by ±{abs(response):.2f} about 0: "
-                + (
-                    "it holds on to a curvature once taken (hysteresis)"
-                    if push > 0
-                    else "it presses for a change"
-                )
+                f"; its threshold is {-bias - push:+.2f} while the records are of κ₂ and {push - bias:+.2f} "
+                f"while they are of κ₁, of a signal that swings by ±{abs(response):.2f}: {held}"
             )
         said.append(text + ".")
     ideal = 90 * (1 - 2 / world.n_records)
     said.append(
-        "A circle drifts uphill when it is tight on the way down: the tight curve is to begin where the "
-        "concentration is largest and to end where it is smallest, a quarter of a turn behind it; half of the "
-        f"interval, which passes with each decision, taken off, {ideal:.0f}° behind."
+        "A circle drifts uphill when it is tight on the way down: κ₂ is to begin where the concentration is "
+        "largest and to end where it is smallest, a quarter of a turn behind it; less half of the interval "
+        f"that passes with each decision, that is {ideal:.0f}° behind."
     )
     return " ".join(said)
 

@@ -12,9 +12,8 @@ from trainers.minimal.measurements import METHODS, CaseFindings, Measured
 
 FOLDER, FIGURE = "figures", "parameters.png"
 LEVELS = (0.95, 0.99)
-LOOKS = dict(
-    zip(METHODS, (("#0072B2", "o"), ("#56B4E9", "."), ("#D55E00", "s"), ("#E69F00", "^"), ("#009E73", "v"), ("#222222", "D")), strict=True)
-)  # fmt: skip
+COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#222222")
+LOOKS = dict(zip(METHODS, zip(COLOURS, "o.s^vD", strict=True), strict=True))
 
 
 def draw(found: Mapping[str, CaseFindings], folder: Path) -> None:

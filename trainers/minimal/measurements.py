@@ -172,9 +172,8 @@ def kept(
 
 def _digest(case: str, plan: MinimalPlan, networks: dict[tuple[str, int], Sequence[Network]]) -> str:
     """Of all that decides what is searched."""
-    numbers = {
-        name: value for name, value in vars(plan).items() if name not in ("cases", "experiments", "workers")
-    }
+    others = {"cases", "experiments", "workers", "records", "bins"}  # decide no search
+    numbers = {name: value for name, value in vars(plan).items() if name not in others}
     plain = numbers, plan.training_world(case).described(), provenance.versions()
     found = hashlib.sha256(json.dumps(plain, default=str).encode())
     for each in networks.values():

@@ -1,18 +1,18 @@
 """The report on the smallest brain in words, every number of which was just measured."""
 
-from collections.abc import Iterator, Mapping
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from swarm._support import provenance
 from swarm._support.tables import NOTHING, Table, percent
 from trainers.minimal import drawing
 from trainers.minimal.brain import Brains
 from trainers.minimal.illustrations import FIGURE, FOLDER, LEVELS, best_by_size
-from trainers.minimal.measurements import MACHINE, METHODS, CaseFindings, Measured
+from trainers.minimal.measurements import MACHINE, METHODS, THINNED, CaseFindings, Measured
 from trainers.minimal.plan import DQN, EVOLUTION, MinimalPlan
-from trainers.paper.claims import Estimate
+from trainers.minimal.tables import Tabulated
+from trainers.paper.claims import Estimate, estimate
 
 
 class Drawn(NamedTuple):
@@ -44,11 +44,16 @@ def rows(case: str, found: CaseFindings) -> Iterator[dict[str, Any]]:
         }
 
 
-def text(plan: MinimalPlan, found: Mapping[str, CaseFindings], drawn: Mapping[str, Drawn]) -> str:
+def text(
+    plan: MinimalPlan,
+    found: Mapping[str, CaseFindings],
+    drawn: Mapping[str, Drawn],
+    tables: Sequence[Tabulated],
+) -> str:
     """Markdown, to be read on its own."""
     parts = [_opening(plan), _smallest(found), _figure(found)]
     parts += [_case(plan, case, each, drawn[case]) for case, each in found.items()]
-    return "\n".join(parts)
+    return "\n".join([*parts, _tables(plan, tables)])
 
 
 def _opening(plan: MinimalPlan) -> str:
@@ -59,23 +64,25 @@ def _opening(plan: MinimalPlan) -> str:
 
 Printed by `swarm minimal {" ".join(chosen)}{seeds}`; to be changed by running it again, not by hand.
 
-How many parameters buy how much of the possible? A brain is a network that looks at the memory and takes one
-of two curvatures, κ₂ where its one output is above 0. Its parameters are its weights and biases that are not 0;
-the scale of the output is among them, though it changes nothing, and of a trained Q-network the difference of
-its two outputs is counted. Every brain was found with {plan.n_seeds} independent seeds:
+How many parameters buy how much of the possible? A brain is a network that looks at the memory and takes
+one of two curvatures, κ₂ where its one output is above 0. Its parameters are its weights and biases that are
+not 0; the scale of the output is among them, though it changes nothing, and of a trained Q-network the
+difference of its two outputs is counted. Every brain was found with {plan.n_seeds} independent seeds:
 
-- **DQN**: ladder of {", ".join(map(str, plan.nodes))} nodes in one tanh layer (0: none), recipe `swarm`.
+- **DQN**: a ladder of {", ".join(map(str, plan.nodes))} nodes in one tanh layer (0: none), recipe `swarm`,
+  which is made for 64 nodes and more.
 - **DQN, pruned**: its smallest numbers set to 0, without learning on the way.
-- **CMA-ES**: the same ladder, its weights searched by the evolution strategy `algorithm=evolution`; fitness is the mean
-  gain of training cells.
-- **CMA-ES, pruned and searched on**: its networks of {" and ".join(map(str, plan.thinned))} nodes lose the smallest number, and
-  the search goes on with the others, until one is left.
-- **NEAT**: topology and weights evolve together; for each size the brain that validation prefers among those not larger.
-- **Two-state machine**: the state is the curvature, and each ends at a threshold of its own of the newest concentration;
-  both thresholds are searched. As a network it has three parameters.
+- **CMA-ES**: the same ladder, its weights searched by the evolution strategy `algorithm=evolution`; fitness
+  is the mean gain of training cells.
+- **{METHODS[THINNED]}**: its networks of {" and ".join(map(str, plan.thinned))} nodes lose the smallest number,
+  and the search goes on with the others, until one is left.
+- **NEAT**: topology and weights evolve together; for each size the brain that validation prefers among those
+  not larger.
+- **Two-state machine**: the state is the curvature, and each ends at a threshold of its own of the newest
+  concentration; both thresholds are searched. As a network it has three parameters.
 
-Sizes are chosen by {plan.cells} validation cells, numbers are those of {plan.cells} test cells (population seed {plan.seed}) in
-lives of the experiments' tests. Intervals are 95%, over training seeds and test cells.
+Sizes are chosen by {plan.cells} validation cells, numbers are those of {plan.cells} test cells (population
+seed {plan.seed}), in lives of the experiments' tests. Intervals are 95%, over training seeds and test cells.
 
 {versions}; commit {provenance.commit() or "unknown"}.
 """
@@ -96,14 +103,14 @@ def smallest(found: Mapping[str, CaseFindings]) -> Table:
 def _smallest(found: Mapping[str, CaseFindings]) -> str:
     limited = [case for case, each in found.items() if each.attainable]
     exception = "".join(
-        f" In {case} two records leave the heading ambiguous, and levels are of {found[case].attainable:g}, about the "
-        "most that they allow; percentages are of the limit everywhere."
+        f" In {case} two records leave the heading ambiguous: levels are of "
+        f"{found[case].attainable:g}, about the most that they allow; percentages are of the limit everywhere."
         for case in limited
     )
     return f"""## The smallest network that reaches 95% and 99% of the limit
 
-Fewest parameters with which the validation cells reach the level in the mean over seeds, and of the limit what the
-test cells then gain, the worst seed in brackets.{exception}
+Fewest parameters with which the validation cells reach the level in the mean over seeds, and what of the
+limit the test cells then gain, the worst seed in brackets.{exception}
 
 {smallest(found).as_markdown(texts=2)}"""
 
@@ -126,8 +133,9 @@ def _figure(found: Mapping[str, CaseFindings]) -> str:
 
 ![What is missing of the limit, by the number of parameters]({FOLDER}/{FIGURE})
 
-*What of the limit is missing in the test, by the number of parameters, for {", ".join(found)}; of rungs of the same
-size the one that validation prefers. Grey lines: 95% and 99% of the limit. Dashed: greedy, which has no parameter.*
+*What of the limit is missing in the test, by the number of parameters, for {", ".join(found)}; of rungs of
+the same size the one that validation prefers. Grey lines: 95% and 99% of the limit. Dashed: greedy, which
+has no parameter.*
 """
 
 
@@ -139,49 +147,66 @@ def _case(plan: MinimalPlan, case: str, found: CaseFindings, drawn: Drawn) -> st
             (each,) = [one for one in found.measured if one.rung[:2] == (method, nodes)]
             row |= {"parameters": each.rung.parameters, METHODS[method]: _fraction(found.fraction(each))}
         ladder.append(row)
-    (state_machine,) = [each for each in found.measured if each.rung.method == MACHINE]
-    fewest = best_by_size(found, "thinned")
     sizes = [
-        {
-            "parameters": each.rung.parameters,
-            "CMA-ES, pruned and searched on": _fraction(found.fraction(each)),
-        }
-        for each in fewest[:8]
+        {"parameters": each.rung.parameters, METHODS[THINNED]: _fraction(found.fraction(each))}
+        for each in best_by_size(found, THINNED)[:8]
     ]
-    a, b = _thresholds(state_machine)
+    (pair,) = [each for each in found.measured if each.rung.method == MACHINE]
+    a, b = _thresholds(pair.rung.brains)
+    greedy = percent(float(found.greedy.mean()) / found.limit)
     return f"""## {case}
 
-Limit {found.limit:.2f}; greedy gains {percent(float(found.greedy.mean()) / found.limit)} of it. The two-state machine gains
-{_fraction(found.fraction(state_machine))}: κ₁ turns into κ₂ where c* > {a}, κ₂ into κ₁ where c* < {b} (means over seeds ±
-standard deviations; c* swings by about ±1).
+The limit is {found.limit:.2f}, of which greedy gains {greedy}. The two-state machine gains
+{_fraction(found.fraction(pair))}: κ₁ turns into κ₂ where c* > {a}, κ₂ into κ₁ where c* < {b}
+(means over seeds ± standard deviations; c* swings by about ±1). With one tanh layer, of the limit:
 
 {Table.of(ladder).as_markdown()}
-With one tanh layer, of the limit in the test. And with ever fewer parameters:
+With ever fewer parameters and no node:
 
 {Table.of(sizes).as_markdown()}
 {_drawing(case, found, drawn, plan)}"""
 
 
-def _thresholds(each: Measured) -> tuple[str, str]:
+def _thresholds(brains: Brains) -> Iterator[str]:
     """a and b of the two-state machine."""
-    push, bias = each.rung.brains.weights[:, 0, 1], each.rung.brains.biases[:, 0]
-    return tuple(f"{np.mean(found):+.2f} ± {np.std(found):.2f}" for found in (push - bias, -push - bias))  # type: ignore[return-value]
+    push, bias = brains.weights[:, 0, 1], brains.biases[:, 0]
+    for values in (push - bias, -push - bias):
+        yield f"{values.mean():+.2f} ± {values.std():.2f}"
 
 
 def _drawing(case: str, found: CaseFindings, drawn: Drawn, plan: MinimalPlan) -> str:
     lines = "\n".join(drawing.formulas(drawn.brain, drawn.digits))
-    unrounded = float(drawn.source.gain[drawn.seed].mean())
-    return f"""### The smallest brain, drawn
+    exact, of_limit = float(drawn.source.gain[drawn.seed].mean()), percent(drawn.gain / found.limit)
+    computed = textwrap.fill(f"What it computes: {drawing.words(drawn.brain, plan.test_world(case))}", 109)
+    return f"""### The smallest brain of {case}, drawn
 
 ![The smallest brain of {case}]({FOLDER}/brain_{case}.svg)
 
-The smallest that reaches a level of the table, of all methods ({METHODS[drawn.source.rung.method]}, seed {drawn.seed}). c₀, κ₀ are the newest
-record, κ −1 for κ₁ and +1 for κ₂. Typed in from the drawing it gains {drawn.gain:.2f} ({percent(drawn.gain / found.limit)} of the limit)
-with the test cells, {unrounded:.2f} before its numbers were rounded.
+The smallest of all methods that reaches the highest level ({METHODS[drawn.source.rung.method]}, seed
+{drawn.seed}). c₀ and κ₀ are of the newest record, c₁ and κ₁ of the one before; κ is −1 or +1. Typed in from
+the drawing it gains {drawn.gain:.2f} with the test cells, {of_limit} of the limit; {exact:.2f} before its
+numbers were rounded.
 
 ```text
 {lines}
 ```
 
-What it computes: {drawing.words(drawn.brain, plan.test_world(case))}
+{computed}
 """
+
+
+def _tables(plan: MinimalPlan, tables: Sequence[Tabulated]) -> str:
+    rows = []
+    for n_records in plan.records:
+        row: dict[str, Any] = {"N_T": n_records}
+        for each in (one for one in tables if one.n_records == n_records):
+            of_limit = _fraction(estimate(each.gain / each.limit))
+            row[f"{each.bins} bins"] = f"{of_limit} ({each.entries})"
+        rows.append(row)
+    return f"""## From tables
+
+An action for every bin of the two newest c* and both their κ*, filled by dynamic programming (see
+`trainers/minimal/tables.py`), in the world of {plan.cases[0]} with N_T records: what of that world's limit
+the test cells gain, and how many entries of the table they pass.
+
+{Table.of(rows).as_markdown()}"""

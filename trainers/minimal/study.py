@@ -21,6 +21,7 @@ from trainers.minimal.illustrations import LEVELS
 from trainers.minimal.measurements import METHODS, CaseFindings, Rung, kept, measure, validation_gains
 from trainers.minimal.plan import MinimalPlan, rung
 from trainers.minimal.report import Drawn
+from trainers.minimal.tables import Tabulated, tabulate
 from trainers.paper import stacks
 from trainers.paper.delivery import RECORD, REPORT, Delivery, do, staging, write_json
 from trainers.paper.plan import Training, trainings
@@ -51,8 +52,9 @@ def study(plan: MinimalPlan, out: Path, publish: Path | None = None) -> dict[str
         of_case[task.arguments[1]] += rungs
     measuring = [Task(case, measure, (case, plan, found)) for case, found in of_case.items()]
     found = dict(zip(plan.cases, do(plan.workers, measuring, "tests"), strict=True))
+    tables = _tabulated(plan)
     with staging(out) as staged:
-        _write(staged, plan, found, planned)
+        _write(staged, plan, found, planned, tables)
         for folder in (publish, out):
             if folder is not None:
                 DELIVERY.put_in_place(staged, folder)
@@ -68,6 +70,17 @@ def _networks(
         for algorithm in plan.algorithms
         for nodes in plan.nodes
     }
+
+
+def _tabulated(plan: MinimalPlan) -> list[Tabulated]:
+    """Lookup tables of all sizes, which are filled again by a study that goes on."""
+    world, life = plan.training_world(plan.cases[0]), plan.test_world(plan.cases[0]).life
+    tasks = [
+        Task(f"N_T = {n}, {bins} bins", tabulate, (world.replace(n_records=n), life, bins, plan), n)
+        for n in plan.records
+        for bins in plan.bins
+    ]
+    return do(plan.workers, tasks, "tables")
 
 
 def chosen(case: str, plan: MinimalPlan, found: CaseFindings) -> Drawn:
@@ -92,7 +105,11 @@ def chosen(case: str, plan: MinimalPlan, found: CaseFindings) -> Drawn:
 
 
 def _write(
-    folder: Path, plan: MinimalPlan, found: Mapping[str, CaseFindings], planned: Sequence[Training]
+    folder: Path,
+    plan: MinimalPlan,
+    found: Mapping[str, CaseFindings],
+    planned: Sequence[Training],
+    tables: Sequence[Tabulated],
 ) -> None:
     illustrations.draw(found, folder)
     drawn = {case: chosen(case, plan, each) for case, each in found.items()}
@@ -107,4 +124,4 @@ def _write(
     gained = {case: {"gain": each.gain, "inputs": each.brain.inputs} for case, each in drawn.items()}
     origin = {"versions": provenance.versions(), "commit": provenance.commit()}
     write_json(folder / RECORD, {"plan": plain, **origin, "drawn": gained, "trainings": settings})
-    (folder / REPORT).write_text(report.text(plan, found, drawn), encoding="utf-8")
+    (folder / REPORT).write_text(report.text(plan, found, drawn, tables), encoding="utf-8")

@@ -11,33 +11,37 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm.optimal.physical_limit import Optimal, limit
-from swarm.physics.starts import draw_starts
+from swarm.physics.starts import Starts, draw_starts
 from swarm.physics.world import State, World
-from swarm.population.rollout import rollout
+from swarm.population.rollout import Moment, rollout
 from trainers.minimal.plan import MinimalPlan
 
 REACH = 1.2  # of c* that bins divide, about what it swings by
-ROUNDS = 6  # of lives that a table is filled from
+ROUNDS = 4  # of lives that a table is filled from
 STAGE = 700  # of the streams of training cells
 
 
 @dataclass(frozen=True)
-class LookupTable:
-    """The second action where the entry of the newest two c* (in bins) and κ* is above 0."""
+class LookupTables:
+    """Tables of several seeds: the second action where the entry of the newest two c* (in bins) and κ* is
+    above 0.
+    """
 
     bins: int  # of each c*
-    entries: np.ndarray  # (bins² · 4,)
+    entries: np.ndarray  # (seeds, bins² · 4)
 
     def act(self, world: World, state: State, uniform: Any = None) -> np.ndarray:
-        """Actions (..., cells)."""
-        return (self.entries[self.place(world, state)] > 0).astype(np.int32)
+        """Actions (seeds, cells)."""
+        found = np.take_along_axis(self.entries, self.place(world, state), axis=1)
+        return (found > 0).astype(np.int32)
 
     def place(self, world: World, state: State) -> np.ndarray:
-        """The entry (..., cells) of a memory."""
+        """The entry (seeds, cells) of a memory."""
         seen = world.observation(state)
-        c = np.clip(((seen[..., [0, 2]] / REACH + 1) * (self.bins / 2)).astype(int), 0, self.bins - 1)
+        within = (seen[..., [0, 2]] / REACH + 1) * (self.bins / 2)
+        newest, before = np.moveaxis(np.clip(within.astype(int), 0, self.bins - 1), -1, 0)
         curvature = (seen[..., [1, 3]] > 0).astype(int)
-        return ((c[..., 0] * self.bins + c[..., 1]) * 2 + curvature[..., 0]) * 2 + curvature[..., 1]
+        return ((newest * self.bins + before) * 2 + curvature[..., 0]) * 2 + curvature[..., 1]
 
 
 class Tabulated(NamedTuple):
@@ -45,45 +49,49 @@ class Tabulated(NamedTuple):
 
     n_records: int
     bins: int
-    entries: int  # that lives of the test cells pass, of the table with most of them
-    gain: np.ndarray  # (seeds, cells) of the test
+    entries: int  # that lives of the test cells pass
+    gain: np.ndarray  # (seeds, cells) of the test [concentration]
     limit: float
 
 
-def tabulate(world: World, bins: int, plan: MinimalPlan, life: float) -> Tabulated:
+def tabulate(world: World, life: float, bins: int, plan: MinimalPlan) -> Tabulated:
     """Fill a table for each seed in lives of the world, and test them in lives of length `life`."""
-    tables = [_filled(world, bins, plan, seed) for seed in range(plan.n_seeds)]
-    tested = world.replace(life=life)
+    tables, tested = _filled(world, bins, plan), world.replace(life=life)
     starts = draw_starts(tested, plan.cells, plan.seed)
-    gain, passed = [], []
-    for table in tables:
-        seen = np.zeros(len(table.entries), bool)
-        for moment in rollout(tested, table, starts, plan.seed):
-            seen[table.place(tested, moment.state)] = True
-            outcome = moment.outcome
-        assert outcome is not None
-        gain.append(np.asarray(outcome.gain))
-        passed.append(int(seen.sum()))
+    shared = Starts(*(np.broadcast_to(part, (plan.n_seeds, *part.shape)) for part in starts))
+    passed = np.zeros(tables.entries.shape, bool)
+    for moment in rollout(tested, tables, shared, plan.seed, episode=np.zeros(plan.n_seeds, int)):
+        np.put_along_axis(passed, tables.place(tested, moment.state), True, axis=1)
     bound = limit(tested, starts)
     assert bound is not None, "the plan asks for worlds with a limit"
-    return Tabulated(world.n_records, bins, max(passed), np.stack(gain), bound)
+    return Tabulated(world.n_records, bins, int(passed.sum(axis=1).max()), _gain(moment), bound)
 
 
-def _filled(world: World, bins: int, plan: MinimalPlan, seed: int) -> LookupTable:
-    """The table that the training cells of a seed gain most with."""
-    best, most = LookupTable(bins, np.zeros(4 * bins**2)), -np.inf
+def _filled(world: World, bins: int, plan: MinimalPlan) -> LookupTables:
+    """The tables that the training cells of each seed gain most with."""
+    sums = np.zeros((plan.n_seeds, 4 * bins**2))
+    best, most = LookupTables(bins, sums.copy()), np.full(plan.n_seeds, -np.inf)
     optimal = Optimal(world)
-    sums, policy = np.zeros(4 * bins**2), optimal
+    policy: Optimal | LookupTables = optimal
+    rows = np.arange(plan.n_seeds)[:, None]
     for episode in range(ROUNDS + 1):
-        starts = draw_starts(world, plan.cells, seed, population="training", episode=1000 * STAGE + episode)
-        for moment in rollout(world, policy, starts, seed, population="training", episode=episode):
-            state, outcome = moment.state, moment.outcome
-            if not state.finished.all():
-                low, high = optimal.scores(world, state)
-                np.add.at(sums, best.place(world, state), high - low)
-        assert outcome is not None
-        if episode and outcome.gain.mean() > most:
-            best, most = policy, float(outcome.gain.mean())
-        policy = LookupTable(bins, sums.copy())
-        sums = 0.5 * sums
+        where: dict[str, Any] = {"population": "training", "episode": 1000 * STAGE + episode}
+        drawn = [draw_starts(world, plan.fitness_cells, seed, **where) for seed in range(plan.n_seeds)]
+        starts = Starts(*map(np.stack, zip(*drawn, strict=True)))
+        where["episode"] = np.full(plan.n_seeds, episode)
+        for moment in rollout(world, policy, starts, STAGE, **where):
+            if not moment.state.finished.all():
+                low, high = optimal.scores(world, moment.state)
+                np.add.at(sums, (rows, best.place(world, moment.state)), high - low)
+        gain = _gain(moment).mean(axis=1)
+        if isinstance(policy, LookupTables):
+            better = gain > most
+            best.entries[better], most[better] = policy.entries[better], gain[better]
+        policy = LookupTables(bins, sums.copy())
+        sums *= 0.5  # what lives under older tables pass counts for less
     return best
+
+
+def _gain(last: Moment) -> np.ndarray:
+    assert last.outcome is not None, "a life has a decision at least"
+    return np.asarray(last.outcome.gain)
