@@ -129,7 +129,7 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
         ("seed=[3", "the value cannot be read, other signs than letters need quotes, got 'seed=[3'"),
         ("world.flow=taylor-green", "did you mean 'taylor_green'?"),
         ("world.start_box=[[0,1e9],[0,1]]", "world.start_box must lie within"),
-        ("learning.hidden=[]", "learning.hidden must be a list of at least 1 of them, got []"),
+        ("learning.hidden=[0]", "learning.hidden.0 must be at least 1, got 0"),
         ("learning.hidden=[5000]", "learning.hidden must be at most 15 layers of at most 4096 nodes"),
         ("learning.hidden=[4096,4096]", "learning.hidden must make a policy of at most"),
         ("learning.epsilon_start=0.01", "learning.epsilon_end must not be above epsilon_start"),

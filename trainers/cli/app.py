@@ -42,7 +42,8 @@ def line_of(error: BaseException) -> str | None:
         case KeyboardInterrupt():
             return str(error) or "stopped"
         case ImportError():
-            return f"this needs a further package, chemoswarm[train] brings what training needs: {error}"
+            extra = "evolution" if error.name in ("cma", "neat") else "train"
+            return f"this needs a further package, chemoswarm[{extra}] brings what training needs: {error}"
         case OSError() | ValueError() | TypeError() | RunError():
             return str(error)
     return None

@@ -1,5 +1,6 @@
-"""Neuroevolution of augmenting topologies (NEAT, Stanley and Miikkulainen 2002) by the package neat-python."""
+"""Neuroevolution of augmenting topologies (NEAT, Stanley and Miikkulainen 2002), by neat-python."""
 
+import math
 import random
 import tempfile
 from importlib import resources
@@ -73,11 +74,13 @@ def _config(inputs: int, genomes: int) -> Any:
     text = (resources.files("trainers.minimal") / "neat.cfg").read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:  # it reads nothing but files
         path = Path(folder) / "neat.cfg"
-        path.write_text(text.format(inputs=inputs, genomes=genomes, braces="braces"), encoding="utf-8")
-        return neat.Config(
+        path.write_text(text.format(inputs=inputs, genomes=genomes), encoding="utf-8")
+        config = neat.Config(
             neat.DefaultGenome,
             neat.DefaultReproduction,
             neat.DefaultSpeciesSet,
             neat.DefaultStagnation,
             str(path),
         )
+    config.genome_config.add_activation("tanh", math.tanh)  # the package's own is tanh(2.5 x)
+    return config

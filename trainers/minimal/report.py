@@ -74,8 +74,8 @@ difference of its two outputs is counted. Every brain was found with {plan.n_see
 - **DQN, pruned**: its smallest numbers set to 0, without learning on the way.
 - **CMA-ES**: the same ladder, its weights searched by the evolution strategy `algorithm=evolution`; fitness
   is the mean gain of training cells.
-- **{METHODS[THINNED]}**: its networks of {" and ".join(map(str, plan.thinned))} nodes lose the smallest number,
-  and the search goes on with the others, until one is left.
+- **{METHODS[THINNED]}**: its networks of {" and ".join(map(str, plan.thinned))} nodes lose the smallest
+  number, and the search goes on with the others, until one is left.
 - **NEAT**: topology and weights evolve together; for each size the brain that validation prefers among those
   not larger.
 - **Two-state machine**: the state is the curvature, and each ends at a threshold of its own of the newest
@@ -103,8 +103,8 @@ def smallest(found: Mapping[str, CaseFindings]) -> Table:
 def _smallest(found: Mapping[str, CaseFindings]) -> str:
     limited = [case for case, each in found.items() if each.attainable]
     exception = "".join(
-        f" In {case} two records leave the heading ambiguous: levels are of "
-        f"{found[case].attainable:g}, about the most that they allow; percentages are of the limit everywhere."
+        f" In {case} two records leave the heading ambiguous: levels are of {found[case].attainable:g}, "
+        "about the most that they allow; percentages are of the limit everywhere."
         for case in limited
     )
     return f"""## The smallest network that reaches 95% and 99% of the limit

@@ -5,6 +5,7 @@ study that goes on. Every other file is written again at the end, each whole.
 """
 
 import dataclasses
+import importlib.util
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -34,8 +35,11 @@ ROUNDING = 1e-3  # part of the gain that rounding may cost
 def study(plan: MinimalPlan, out: Path, publish: Path | None = None) -> dict[str, CaseFindings]:
     """Find the smallest brains, and report into `out`, with a copy of all but runs and searches in `publish`.
 
-    Raises ReproductionError, SettingsError, KeyboardInterrupt or OSError.
+    Raises ReproductionError, SettingsError, ImportError, KeyboardInterrupt or OSError.
     """
+    for name in ("cma", "neat"):
+        if importlib.util.find_spec(name) is None:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
     for folder in (out, publish or out):
         DELIVERY.check(folder)
     planned = trainings(plan, out)

@@ -39,7 +39,6 @@ RULE_OF = {  # pydantic's kinds of errors, in the words of an error's rule
     "greater_than": "above {gt}",
     "greater_than_equal": "at least {ge}",
     "less_than_equal": "at most {le}",
-    "too_short": "a list of at least {min_length} of them",
 }
 
 

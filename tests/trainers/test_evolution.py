@@ -1,0 +1,65 @@
+"""Evolution strategies: they learn, go on where they were, and leave the global generators alone."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from trainers.settings.composition import settings_from
+from trainers.training import snapshot
+from trainers.training.checkpoint import CheckpointError
+from trainers.training.loop import Training
+
+pytest.importorskip("cma")
+
+SHORT = (
+    "algorithm=evolution",
+    "tensorboard=false",
+    "validation={cells: 10, life: 20.0, every: 2}",
+    "world.life=20.0",
+)
+SMALL = (*SHORT, "learning={n_swimmers: 6, n_worlds: 8, epochs: 8, hidden: [], collect: 60}", "compile=never")
+
+
+def trained(training, epochs):
+    while training.epoch < epochs:
+        training.run_epoch()
+    return training
+
+
+def test_a_network_without_nodes_comes_close_to_the_limit_in_a_few_generations():
+    assert trained(Training(settings_from(SMALL)), 8).best_gain[0] > 0.85 * 2.9
+
+
+@pytest.mark.parametrize("hidden", [[], [2], [3, 2]])
+def test_a_search_that_is_stopped_goes_on_bit_for_bit_and_alone_as_in_a_stack(hidden):
+    words = [*SMALL, f"learning.hidden={hidden}", "n_seeds=2", "learning.epochs=3", "world.life=8.0"]
+    settings = settings_from(words)
+    whole, stopped, later = Training(settings), Training(settings), Training(settings)
+    state = np.random.get_state()[1].tolist(), torch.random.get_rng_state().tolist()
+    trained(whole, 3)
+    trained(stopped, 2)
+    snapshot.restore(later, snapshot.tensors_of(stopped), snapshot.record_of(stopped))
+    trained(later, 3)
+    np.testing.assert_array_equal(later.measures, whole.measures)
+    for name, tensor in whole.algorithm.tensors().items():
+        assert torch.equal(later.algorithm.tensors()[name], tensor), name
+    alone = trained(Training(dataclasses.replace(settings, seed=1, n_seeds=1)), 3)
+    np.testing.assert_allclose(alone.measures[:, 0], whole.measures[:, 1])
+    assert (np.random.get_state()[1].tolist(), torch.random.get_rng_state().tolist()) == state
+
+
+def test_the_first_action_is_worth_nothing_since_only_differences_count():
+    network = trained(Training(settings_from(SMALL)), 2).policies()[0]
+    assert not network.weights[-1][0].any()
+    assert network.weights[-1][1].any()
+
+
+def test_a_checkpoint_with_a_fitness_that_is_no_number_is_refused():
+    settings = settings_from(SMALL)
+    stopped = trained(Training(settings), 1)
+    held, record = snapshot.tensors_of(stopped), snapshot.record_of(stopped)
+    held["fitness"][0, 0, 0] = np.nan
+    with pytest.raises(CheckpointError, match="fitness must be finite"):
+        snapshot.restore(Training(settings), held, record)
