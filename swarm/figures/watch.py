@@ -16,7 +16,8 @@ from swarm.figures.viewer import Viewer
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy
-from swarm.population.contest import lives, population_test
+from swarm.population.blocks.block import lives
+from swarm.population.contest import population_test
 from swarm.population.contests import crowd_of
 from swarm.population.evaluation import contender, rivals
 from swarm.population.results import as_dataset, load_population

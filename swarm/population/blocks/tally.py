@@ -1,0 +1,151 @@
+"""Tallies: a population summed up part by part, so that its statistics need no more memory than a part's.
+
+Parts are merged in their order, which fixes every bit. Moments merge by the formulas of Chan, Golub & LeVeque
+(1979, Stanford STAN-CS-79-773). Quantiles are read off `SAMPLE` gains of evenly spaced rank of each part,
+which puts a quantile's rank off by at most half their spacing, 1/2048 of the cells, and 1 of each part's:
+no coin is tossed as in a KLL sketch, and the bound is one of rank, as a t-digest has none.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from swarm.optimal.physical_limit import Bounds, extrapolated
+from swarm.population.results import RIVAL
+from swarm.population.statistics import fraction_of_limit, half_width, independent
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SAMPLE = 1024  # gains of each part and policy that are kept
+QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
+
+
+class Moments(NamedTuple):
+    """Numbers of each policy, summed up."""
+
+    count: int
+    mean: np.ndarray  # (policies,)
+    squares: np.ndarray  # (policies,) Σ (x − mean)²
+    low: np.ndarray  # (policies,)
+    high: np.ndarray  # (policies,)
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> Moments:
+        """Of numbers (policies, n)."""
+        mean = values.mean(axis=1)
+        squares = ((values - mean[:, None]) ** 2).sum(axis=1)
+        return cls(values.shape[1], mean, squares, values.min(axis=1), values.max(axis=1))
+
+    def merged(self, other: Moments) -> Moments:
+        """With those of further numbers."""
+        count, step = self.count + other.count, other.mean - self.mean
+        return Moments(
+            count,
+            self.mean + step * (other.count / count),
+            self.squares + other.squares + step**2 * (self.count * other.count / count),
+            np.minimum(self.low, other.low),
+            np.maximum(self.high, other.high),
+        )
+
+    def interval(self, policy: int) -> list[float] | None:
+        """95% interval [low, high] of the mean of independent numbers; None of a single one."""
+        if self.count < 2:
+            return None
+        freedom, mean = self.count - 1, float(self.mean[policy])
+        half = float(half_width([(self.squares[policy] / freedom / self.count, freedom)], []))
+        return [mean - half, mean + half]
+
+
+class Tally(NamedTuple):
+    """The lives of a part of a population, summed up."""
+
+    gain: Moments  # of all cells
+    ahead: Moments  # of their differences to greedy
+    units: Moments  # of the gains of what is independent: cells, or worlds
+    units_ahead: Moments
+    wins: np.ndarray  # (policies,) cells that gain more than under greedy
+    arrived: np.ndarray  # (policies,)
+    sample: np.ndarray  # (policies, n) gains of evenly spaced rank, rising
+    weights: np.ndarray  # (n,) cells that each of them stands for
+    limits: dict[str, float]  # mean largest gain by grid; empty where no limit is known
+
+    def merged(self, other: Tally) -> Tally:
+        """With the tally of the part that comes next."""
+        part = other.gain.count / (self.gain.count + other.gain.count)
+        return Tally(
+            *(mine.merged(theirs) for mine, theirs in zip(self[:4], other[:4], strict=True)),
+            self.wins + other.wins,
+            self.arrived + other.arrived,
+            np.concatenate([self.sample, other.sample], axis=1),
+            np.concatenate([self.weights, other.weights]),
+            {name: mean + (other.limits[name] - mean) * part for name, mean in self.limits.items()},
+        )
+
+
+def tally(results: xr.Dataset, bounds: Bounds | None, *, coupled: bool) -> Tally:
+    """The tally of a part's results."""
+    gains = results["gain"].transpose("policy", ..., "cell").values  # (policies, [worlds,] cells)
+    gains = gains.reshape(len(gains), -1, gains.shape[-1])
+    ahead = gains - gains[results["policy"].values.tolist().index(RIVAL)]
+    units = [np.stack([independent(each, coupled) for each in values]) for values in (gains, ahead)]
+    gains, ahead = (each.reshape(len(each), -1) for each in (gains, ahead))
+    kept = min(SAMPLE, gains.shape[1])
+    ranks = ((np.arange(kept) + 0.5) * (gains.shape[1] / kept)).astype(int)
+    return Tally(
+        *map(Moments.of, (gains, ahead, *units)),
+        (ahead > 0).sum(axis=1),
+        results["arrived"].values.reshape(len(gains), -1).sum(axis=1),
+        np.sort(gains, axis=1)[:, ranks],
+        np.full(kept, gains.shape[1] / kept),
+        {}
+        if bounds is None
+        else bounds.means(results["start_position"].values, results["start_heading"].values),
+    )
+
+
+def merged(tallies: Sequence[Tally]) -> Tally:
+    """The tally of all parts, in their order."""
+    return functools.reduce(Tally.merged, tallies)
+
+
+def limit_of(found: Tally) -> float | None:
+    """The physical limit of the cells that were tallied; None where there is none."""
+    return extrapolated(list(found.limits.values()))[0] if found.limits else None
+
+
+def statistics_of(found: Tally, policies: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """What `statistics` finds, of each policy, and further `arrived`, the number of cells, and `quantiles`."""
+    limit = limit_of(found)
+    return {
+        name: {
+            "mean": float(found.gain.mean[i]),
+            "std": float(np.sqrt(found.gain.squares[i] / found.gain.count)),
+            "min": float(found.gain.low[i]),
+            "max": float(found.gain.high[i]),
+            "ci95": found.units.interval(i),
+            "fraction_of_limit": fraction_of_limit(float(found.gain.mean[i]), limit),
+            "difference_to_greedy": {
+                "mean": float(found.ahead.mean[i]),
+                "ci95": found.units_ahead.interval(i),
+            },
+            "wins": int(found.wins[i]),
+            "arrived": int(found.arrived[i]),
+            "quantiles": _quantiles(found.sample[i], found.weights),
+        }
+        for i, name in enumerate(policies)
+    }
+
+
+def _quantiles(sample: np.ndarray, weights: np.ndarray) -> dict[str, float]:
+    order = np.argsort(sample, kind="stable")
+    ranks = np.cumsum(weights[order]) - 0.5 * weights[order]
+    places = np.searchsorted(ranks, np.array(QUANTILES) * weights.sum())
+    return {
+        f"{part:g}": float(sample[order[min(place, len(order) - 1)]])
+        for part, place in zip(QUANTILES, places.tolist(), strict=True)
+    }
