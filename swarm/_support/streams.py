@@ -1,8 +1,8 @@
 """Random numbers by counter: every draw is named by its population, purpose, seed, episode and cell.
 
 Row i of a draw belongs to cell i and is the same however many rows are drawn (NumPy fills them in order from
-one Philox generator for each `BLOCK` cells), so a cell's life depends neither on how many others there are nor
-on what is drawn elsewhere, and a part of a large population is drawn without the rest.
+one Philox generator for each `BLOCK` cells), so a cell's life depends neither on how many others there are
+nor on what is drawn elsewhere, and a part of a large population is drawn without the rest.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ def is_deterministic(policy: AnyPolicy) -> bool:
 
 
 def fingerprint(policy: AnyPolicy) -> str:
-    """What tells a policy from others: of a network, which says it itself, its numbers; else what it prints."""
+    """What tells a policy from others: its own `fingerprint`, as networks have one, else what it prints."""
     own = getattr(policy, "fingerprint", None)
     return own if isinstance(own, str) else re.sub(r" at 0x\w+", "", repr(policy))
 

@@ -8,18 +8,16 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, get_args
 
-import numpy as np
-
 from swarm._support import streams
 from swarm._support.checks import check_count, check_memory, check_name
 from swarm.optimal import physical_limit
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy, check_policy, fingerprint
 from swarm.policies.strategies import Greedy
-from swarm.population.blocks.block import Record, Test, blocks_of, each_lived
+from swarm.population.blocks.block import Record, Test, blocks_of, each_lived, memory_needed
 from swarm.population.blocks.storage import Storage, joined
 from swarm.population.blocks.tally import Tally, limit_of, merged, statistics_of, tally
-from swarm.population.results import RIVAL, SERIES, origin
+from swarm.population.results import RIVAL, origin
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -54,7 +52,7 @@ def population_test(
     [`statistics`][swarm.population.statistics.statistics] finds of all.
 
     Large populations live block by block, in the processes of an `executor` where one is given, see the
-    [module][swarm.population.blocks]. `out` is a NetCDF file to write them to, which a call that was killed
+    [module][swarm.population.blocks.block]. `out` is a NetCDF file to write them to, which a call that was killed
     goes on with; it is then opened, and numbers are read when they are asked for. `progress` is called with
     the number of cells whose lives are over, of all worlds.
 
@@ -75,7 +73,7 @@ def population_test(
     blocks = blocks_of(test)
     kept = blocks[:1] if out is not None or record == "statistics" else blocks
     held = sum(block.cells * block.worlds for block in kept)
-    needed = memory_needed(world, held, len(policies) if test.has_series else 0)
+    needed = memory_needed(world, held, len(policies) if test.has_series else 0, every=test.every)
     check_memory(needed, f"cells must be fewer, or life shorter, got {cells * worlds} and {life:g}")
     test = test._replace(bounds=physical_limit.bounds_of(world) if limit else None)
     return _in_memory(test, executor, progress) if out is None else _in_file(test, out, executor, progress)
@@ -165,15 +163,6 @@ def _identity(test: Test) -> dict[str, Any]:
         "policies": policies,
         **{key: value for key, value in origin(test.world, test.seed).items() if key != "commit"},
     }
-
-
-def memory_needed(world: World, cells: int, recorded: int = 3) -> float:
-    """Bytes that a test works with, roughly, and rather too few than too many; the lives under so many
-    policies are recorded.
-    """
-    series = [each for name, each in SERIES.items() if name != "eaten" or world.medium is not None]
-    numbers = sum(2 ** len(along) * np.dtype(dtype).itemsize for along, dtype, *_ in series)
-    return cells * (16.0 * world.observation_size + recorded * (world.max_decisions + 1) * numbers)
 
 
 def _with_rival(policies: Mapping[str, AnyPolicy]) -> dict[str, AnyPolicy]:

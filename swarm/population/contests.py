@@ -26,7 +26,7 @@ from swarm.physics.perception import SENSORS, Memory, Sensor, Situation
 from swarm.physics.starts import draw_worlds
 from swarm.physics.world import State, World
 from swarm.policies.policy import AnyPolicy, begin, check_policy, decide
-from swarm.population.contest import memory_needed
+from swarm.population.blocks.block import memory_needed
 from swarm.population.results import origin
 from swarm.population.rollout import rollout
 from swarm.population.statistics import share_interval

@@ -18,7 +18,7 @@ from swarm.policies.policy_file import POLICY_FILE, PolicyError
 from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
 from swarm.population.contests import contest, race_in
-from swarm.population.results import RIVAL, data_of, pooled
+from swarm.population.results import RIVAL, data_of
 from swarm.population.statistics import statistics
 
 if TYPE_CHECKING:
@@ -94,19 +94,23 @@ def evaluate(
     life: float = 200.0,
     seed: int = 0,
     name: str | None = None,
+    **recorded: Any,
 ) -> Evaluation:
     """Tests a policy, greedy and swinging on the same starts, `cells` of them in each of `worlds` worlds.
 
-    `policy` is a name, a path or a policy itself; `name` is what the summary calls it. Raises PolicyError for
-    a policy that cannot be had.
+    `policy` is a name, a path or a policy itself; `name` is what the summary calls it. What is recorded
+    (`record`), where (`out`) and who computes it are options of `population_test`. Raises PolicyError for a
+    policy that cannot be had.
     """
     world = world.replace(life=life)
     known, label, player = contender(policy, world, name)
     policies = {label: player, RIVAL: Greedy(), "swinging": Swinging()}
-    results = population_test(world, policies, cells=cells, worlds=worlds, life=life, seed=seed)
+    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
+    results = population_test(world, policies, **sizes, **recorded)
     numbers = statistics(results)
-    summary = summarise(results, numbers, label, policy=known, experiment=experiment)
-    return Evaluation(summary, results, table(results, numbers), world, label)
+    about = {"policy": known, "experiment": experiment, "cells": cells, "worlds": worlds}
+    summary = summarise(results, numbers, label, **about)
+    return Evaluation(summary, results, table(numbers, cells * worlds), world, label)
 
 
 def compete(
@@ -143,13 +147,20 @@ def rivals(
 
 
 def summarise(
-    results: xr.Dataset, numbers: dict[str, dict[str, Any]], label: str, *, policy: str, experiment: str
+    results: xr.Dataset,
+    numbers: dict[str, dict[str, Any]],
+    label: str,
+    *,
+    policy: str,
+    experiment: str,
+    cells: int,
+    worlds: int,
 ) -> dict[str, Any]:
     """What summary.json holds of the policy called `label` in the results; None where there is no number."""
     summary = {
         "policy": policy,
         "experiment": experiment,
-        "cells": results.sizes["cell"],
+        "cells": cells,
         "life": results.attrs["life"],
         "seed": int(results.attrs["seed"]),
         "limit": results.attrs.get("limit"),
@@ -160,21 +171,22 @@ def summarise(
         "versions": provenance.versions(),
         "commit": provenance.commit(),
     }
-    if "world" in results.sizes:
-        summary["worlds"] = results.sizes["world"]
+    if worlds > 1:
+        summary["worlds"] = worlds
     if data := data_of(results):
         summary["data"] = data
-    if results["arrived"].values.any():
-        summary["arrived"] = int(results["arrived"].sel(policy=label).sum())
+    if any(row["arrived"] for row in numbers.values()):
+        summary["arrived"] = numbers[label]["arrived"]
+    if "block" in results.attrs:
+        summary |= {name: int(results.attrs[name]) for name in ("block", "blocks")}
+        summary["quantiles"] = numbers[label]["quantiles"]
     return summary
 
 
-def table(results: xr.Dataset, numbers: dict[str, dict[str, Any]]) -> Table:
-    """A row per policy, in the order of their mean gains."""
+def table(numbers: dict[str, dict[str, Any]], cells: int) -> Table:
+    """A row per policy, in the order of their mean gains; `cells` are those of all worlds."""
     headings = ["policy", "gain", "95% interval of the mean", "min", "max", "over greedy", "wins"]
     headings += ["of the limit", "arrived"]
-    results = pooled(results)
-    cells, arrived = results.sizes["cell"], results["arrived"].sum("cell")
     rows: list[list[str | None]] = []
     for name in sorted(numbers, key=lambda each: -numbers[each]["mean"]):
         row, rival = numbers[name], name == RIVAL
@@ -188,8 +200,8 @@ def table(results: xr.Dataset, numbers: dict[str, dict[str, Any]]) -> Table:
                 None if rival else f"{row['difference_to_greedy']['mean']:+.2f}",
                 None if rival else f"{row['wins']}/{cells}",
                 percent(row["fraction_of_limit"]),
-                f"{int(arrived.sel(policy=name))}/{cells}",
+                f"{row['arrived']}/{cells}",
             ]
         )
-    columns = len(headings) if arrived.any() else -1
+    columns = len(headings) if any(row["arrived"] for row in numbers.values()) else -1
     return Table(headings[:columns], [row[:columns] for row in rows])

@@ -26,12 +26,13 @@ LEVEL = 0.95  # of every interval
 
 def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Per policy: `mean`, `std`, `min`, `max` of the cells' gains, `ci95` of the mean, `fraction_of_limit`,
-    `difference_to_greedy` (`mean`, `ci95`; cell by cell) and `wins`, the number of cells that beat greedy.
+    `difference_to_greedy` (`mean`, `ci95`; cell by cell), `wins`, the number of cells that beat greedy, and
+    `arrived`, of those that reached the egg.
 
     The intervals are Student's, 95%, over the cells of all worlds; over the worlds where the cells of one are
     coupled and so not independent; None with a single one. `std` is over the cells (divided by their number).
     `fraction_of_limit` is None without a limit or with none above 0. Results of a population that was tested
-    in blocks hold theirs, with `arrived` and `quantiles` of the gain.
+    in blocks hold theirs, with `quantiles` of the gain.
     """
     if (known := _stored(results)) is not None:
         return known
@@ -39,7 +40,9 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     ahead = gains - results["gain"].sel(policy=RIVAL).values
     coupled = bool(results.attrs.get("coupled"))
     gains, ahead = (each.reshape(len(each), -1, each.shape[-1]) for each in (gains, ahead))
-    limit = results.attrs.get("limit")
+    limit, arrived = results.attrs.get("limit"), np.zeros(len(gains), int)
+    if "arrived" in results:
+        arrived = results["arrived"].transpose("policy", ...).values.reshape(len(gains), -1).sum(axis=1)
     return {
         str(name): {
             "mean": float(gains[i].mean()),
@@ -53,6 +56,7 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
                 "ci95": mean_interval(independent(ahead[i], coupled)),
             },
             "wins": int(np.sum(ahead[i] > 0)),
+            "arrived": int(arrived[i]),
         }
         for i, name in enumerate(results["policy"].values)
     }
@@ -62,8 +66,8 @@ def _stored(results: xr.Dataset) -> dict[str, dict[str, Any]] | None:
     """The statistics that results hold of themselves; None where there are none, or of other cells."""
     try:
         stored = json.loads(results.attrs["statistics"])
-        cells = results.sizes["cell"] * results.sizes.get("world", 1)
-        whole = stored["cells"] == cells and [*stored["policies"]] == results["policy"].values.tolist()
+        cells = results["gain"][0].size if "gain" in results else stored["cells"]
+        whole = (stored["cells"], [*stored["policies"]]) == (cells, results["policy"].values.tolist())
         return stored["policies"] if whole else None
     except (KeyError, TypeError, ValueError, RecursionError):
         return None

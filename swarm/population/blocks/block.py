@@ -18,18 +18,19 @@ import numpy as np
 from swarm._support import streams
 from swarm.optimal.physical_limit import Bounds
 from swarm.physics.motion.arc import centre_of_curvature
-from swarm.physics.starts import Starts, draw_worlds
+from swarm.physics.starts import NOISE_BLOCK, Starts, draw_worlds
 from swarm.physics.world import State, World
 from swarm.policies.policy import AnyPolicy
 from swarm.population.blocks.tally import Tally, tally
 from swarm.population.frames import Frames
-from swarm.population.results import LIVES, SERIES, as_dataset
+from swarm.population.results import LIVES, SERIES, STARTS, as_dataset
 from swarm.population.rollout import Moment, rollout, started
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Record = Literal["statistics", "ends", "thinned", "all"]
+PROCESS, LIVING = 1.5e8, 1000.0  # [bytes] of a process, and of a living cell, measured
 THINNED = 48  # moments of a thinned series, at most
 
 
@@ -137,6 +138,33 @@ def each_lived(
     finally:
         for future in futures:
             future.cancel()
+
+
+def memory_needed(world: World, cells: int, recorded: int = 3, *, every: int = 1) -> float:
+    """Bytes that a test works with, roughly, and rather too few than too many; the lives under so many
+    policies are recorded, one moment of `every`.
+    """
+    series = [each for name, each in SERIES.items() if name != "eaten" or world.medium is not None]
+    numbers = sum(2 ** len(along) * np.dtype(dtype).itemsize for along, dtype, *_ in series)
+    return cells * (16.0 * world.observation_size + recorded * (world.max_decisions // every + 1) * numbers)
+
+
+def needed(world: World, record: Record, cells: int, *, workers: int = 1) -> tuple[float, float]:
+    """About the bytes of memory and on the disk that a streamed test of three policies needs: a process for
+    each worker with a block in it, and what is kept of every cell.
+    """
+    at_once = min(cells, streams.BLOCK)
+    test = Test(world, {}, cells, 1, 0, record=record)
+    series = memory_needed(world, 1, 3 if test.has_series else 0, every=test.every)
+    drawn = 2 * 8 * NOISE_BLOCK * (4 if world.has_noise else 0)
+    ends = [(3, each) for each in LIVES.values()] + [(1, each) for each in STARTS.values()]
+    kept = sum(times * np.dtype(dtype).itemsize * _width(along, world) for times, (along, dtype, *_) in ends)
+    memory = (workers + 1) * PROCESS + workers * at_once * (LIVING + drawn + 2 * series + 2 * kept)
+    return memory, 0.0 if record == "statistics" else cells * (kept + series)
+
+
+def _width(along: tuple[str, ...], world: World) -> int:
+    return {"axis": 2, "record": world.n_records}.get(along[-1] if along else "", 1)
 
 
 def lives(

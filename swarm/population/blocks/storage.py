@@ -38,12 +38,17 @@ def joined(parts: Iterable[xr.Dataset], sizes: Mapping[str, int], attributes: di
     return xr.Dataset(whole, coordinates, attributes)
 
 
+def parts_of(path: Path) -> Path:
+    """The folder where the parts of a file lie until it is whole."""
+    return path.with_name(f"{path.name}.parts")
+
+
 class Storage:
     """A NetCDF file, and beside it until it is whole the folder of its parts, each a file of results."""
 
     def __init__(self, path: str | os.PathLike, identity: dict[str, Any]) -> None:
         self.path, self.told = files.expanded(path), json.dumps(identity, sort_keys=True, indent=1)
-        self.folder = self.path.with_name(f"{self.path.name}.parts")
+        self.folder = parts_of(self.path)
         if self.path.exists() and not self.is_whole:
             raise FileExistsError(f"{self.path} must be new or hold the same population, got another file")
 
@@ -130,14 +135,12 @@ class Storage:
 def _variable(file: Any, name: str, dimensions: Any, numbers: np.ndarray, labels: dict[str, Any]) -> None:
     import h5py
 
-    text = numbers.dtype.kind in "OUT"
-    missing = {"fillvalue": np.nan} if numbers.dtype.kind == "f" else {}
-    pieces = zip(dimensions, numbers.shape, strict=True)
-    chunks = tuple(1 if each == "policy" else size for each, size in pieces)
-    dtype = h5py.string_dtype() if text else numbers.dtype
-    made = file.create_variable(
-        name, dimensions, dtype, chunks=chunks if "cell" in dimensions else None, **missing
-    )
+    options: dict[str, Any] = {"fillvalue": np.nan} if numbers.dtype.kind == "f" else {}
+    if "cell" in dimensions:
+        pieces = zip(dimensions, numbers.shape, strict=True)
+        options["chunks"] = tuple(1 if each == "policy" else size for each, size in pieces)
+    dtype = h5py.string_dtype() if numbers.dtype.kind in "OUT" else numbers.dtype
+    made = file.create_variable(name, dimensions, dtype, **options)
     for key, value in labels.items():
         made.attrs[key] = value
 

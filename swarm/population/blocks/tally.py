@@ -119,7 +119,7 @@ def limit_of(found: Tally) -> float | None:
 
 
 def statistics_of(found: Tally, policies: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """What `statistics` finds, of each policy, and further `arrived`, the number of cells, and `quantiles`."""
+    """What `statistics` finds, by policy, and `quantiles` of the gains."""
     limit = limit_of(found)
     return {
         name: {
