@@ -52,9 +52,9 @@ def population_test(
     [`statistics`][swarm.population.statistics.statistics] finds of all.
 
     Large populations live block by block, in the processes of an `executor` where one is given, see the
-    [module][swarm.population.blocks.block]. `out` is a NetCDF file to write them to, which a call that was killed
-    goes on with; it is then opened, and numbers are read when they are asked for. `progress` is called with
-    the number of cells whose lives are over, of all worlds.
+    [module][swarm.population.blocks.block]. `out` is a NetCDF file to write them to, with which a call that
+    was killed goes on; it is then opened, and numbers are read when they are asked for. `progress` is called
+    with the number of cells whose lives are over, of all worlds.
 
     Attributes: seed, life, settings of the world (JSON), versions, commit, `coupled` (1) where what one cell
     does can matter to another, the limit where there is one and `limit` is asked for, and of several blocks

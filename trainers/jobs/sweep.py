@@ -9,6 +9,8 @@ import json
 import os
 import shlex
 from collections.abc import Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
 
@@ -17,7 +19,9 @@ from hydra.errors import HydraException
 
 from swarm._support import files
 from swarm._support.checks import check_count, check_name
-from trainers.jobs.executors import Task, executor_for, run_tasks
+from trainers.jobs.cluster import LAUNCHERS, Ray, launched
+from trainers.jobs.executors import Task, run_tasks
+from trainers.jobs.remote import needs_of, train_through
 from trainers.settings.composition import (
     SettingsError,
     by_value,
@@ -31,7 +35,9 @@ from trainers.training.machine import check_machine
 from trainers.training.run import train_in
 from trainers.training.run_folder import RunError, RunFolder, is_run_folder
 
-FOLDER, LAUNCHER, JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
+FOLDER, HYDRAS, HYDRAS_JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
+OPTIONS = ("launcher.jobs", "launcher.address")
+OWN = ("hydra", "launcher")
 MAX_NAME = 240  # [bytes] of a run's folder, whose temporary sibling has a name of at most 255
 
 
@@ -44,32 +50,56 @@ def sweep(words: Sequence[str]) -> None:
         if word.startswith("resume="):
             rule = "resume goes on with one run, a sweep goes on with the same command"
             raise SettingsError(f"{rule} and the same {FOLDER}=DIR, got {word}")
-    own = dict(word.partition("=")[::2] for word in words if word.startswith("hydra"))
-    for key in own:
-        check_name("Hydra's own key of a sweep", key, (FOLDER, LAUNCHER, JOBS))
-    launcher = check_name(LAUNCHER, own.get(LAUNCHER, "joblib"), ("basic", "joblib"))
-    number = own.get(JOBS, "2")
-    workers = check_count(JOBS, int(number) if number.isdecimal() else number)
-    combinations = expanded([word for word in words if not word.startswith("hydra")])
+    own = dict(word.partition("=")[::2] for word in words if word.startswith(OWN))
+    launcher, workers, address = _launcher(own)
+    combinations = expanded([word for word in words if not word.startswith(OWN)])
     wanted = [settings_from(combination) for combination in combinations]
     names = named(combinations)
     check_different(names, wanted)
     for settings in wanted:
         check_machine(settings)
     folder = _sweep_folder(own.get(FOLDER), names, wanted)
+    with ExitStack() as held:
+        if launcher == "ray":
+            held.enter_context(files.owned(folder))
+        _run(folder, names, wanted, launched(launcher, workers, address))
+
+
+def _run(folder: Path, names: Sequence[str], wanted: Sequence[Settings], executor: Executor) -> None:
     paths = [folder / name for name in names]
     tasks = [Task(path.name, train_in, (path, each)) for path, each in zip(paths, wanted, strict=True)]
+    if isinstance(executor, Ray):
+        driven, needed = executor, [needs_of(each) for each in wanted]
+        through = [driven.needing(each) for each in needed]
+        tasks = [
+            Task(path.name, train_through, (each, path, settings))
+            for path, settings, each in zip(paths, wanted, through, strict=True)
+        ]
+        executor = ThreadPoolExecutor(len(tasks))  # each waits for its run's pieces
     quoted = shlex.quote(str(folder))
     print(f"{len(paths)} runs in {folder}")
     again = f"the same command with {FOLDER}={quoted} goes on with them"
     try:
-        outcomes = run_tasks(tasks, executor_for(0 if launcher == "basic" else workers), title="sweep")
+        outcomes = run_tasks(tasks, executor, title="sweep")
     except KeyboardInterrupt as stopped:
         stopped.add_note(again)
         raise
     if left := sum(isinstance(outcome, BaseException) for outcome in outcomes):
         raise RunError(f"{left} of {len(paths)} runs did not finish; {again}")
     print(f"all {len(paths)} runs are in {folder}; swarm compare {quoted}/* shows them side by side")
+
+
+def _launcher(own: dict[str, str]) -> tuple[str, int | None, str | None]:
+    """Where a sweep runs, by its own words and by Hydra's: launcher, jobs, address."""
+    for key in own:
+        check_name("own key of a sweep", key, (FOLDER, HYDRAS, HYDRAS_JOBS, "launcher", *OPTIONS))
+    words = {"basic": "here", "joblib": "processes"}
+    hydras = words[check_name(HYDRAS, own.get(HYDRAS, "joblib"), words)]
+    launcher = check_name("launcher", own.get("launcher", hydras), LAUNCHERS)
+    key = OPTIONS[0] if OPTIONS[0] in own else HYDRAS_JOBS
+    number = own.get(key)
+    jobs = None if number is None else check_count(key, int(number) if number.isdecimal() else number)
+    return launcher, None if launcher == "here" else jobs, own.get(OPTIONS[1])
 
 
 def expanded(words: Sequence[str]) -> list[list[str]]:

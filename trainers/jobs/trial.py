@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +11,7 @@ from swarm._support import files
 from swarm._support.checks import check_name
 from swarm._support.streams import BLOCK
 from swarm._support.tables import Table
-from swarm._support.terminal import Progress, tell
+from swarm._support.terminal import Progress
 from swarm.figures.evaluation import (
     POPULATION,
     SUMMARY,
@@ -25,6 +24,7 @@ from swarm.physics.world import World
 from swarm.population import contests, evaluation, noise
 from swarm.population.blocks.block import needed
 from swarm.population.blocks.storage import parts_of
+from trainers.jobs.cluster import Needs, Ray, launched
 from trainers.settings.composition import settings_of
 
 
@@ -50,12 +50,13 @@ def trial(
     share: float | None = None,
     record: str | None = None,
     out: Path | None = None,
-    executor: Executor | None = None,
+    where: tuple[str | None, int | None, str | None] = (None, None, None),
 ) -> Trial:
     """Tests a policy by the options of the command; None is an option that was left out.
 
-    Where something is recorded by name, the lives go block by block to `out`, and what is there already is
-    gone on with. Raises ValueError for options that do not go together, and as what tests it does.
+    Where something is recorded by name, the lives go block by block to `out`, computed as `launched(*where)`
+    says, and what is there already is gone on with. Raises ValueError for options that do not go together,
+    and as what tests it does.
     """
     if kind is not None and not levels:
         raise ValueError(f"--noise-kind must come with --noise, got {kind!r} alone")
@@ -66,6 +67,8 @@ def trial(
         raise ValueError(f"--noise must be one level with --against, got {len(strengths)}")
     if record is not None and (against is not None or len(strengths) > 1):
         raise ValueError(f"--record must come without --against and several levels of --noise, got {record}")
+    if record is None and where != (None, None, None):
+        raise ValueError("--launcher, --jobs and --address must come with --record, got them alone")
     settings = settings_of(policy, experiment)
     world, test = settings.test_world(), settings.evaluation
     options: dict[str, Any] = {"life": test.life if life is None else life, "seed": seed}
@@ -83,7 +86,7 @@ def trial(
         results = evaluation.compete(policy, against, world, **options)
         return Trial(contests.table(results), functools.partial(save_contest, results))
     if record is not None:
-        return _recorded(policy, settings.experiment, world, record, out, executor, options)
+        return _recorded(policy, settings.experiment, world, record, out, where, options)
     tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
     return Trial(tested.table, functools.partial(save_evaluation, tested), tested)
 
@@ -94,32 +97,27 @@ def _recorded(
     world: World,
     record: str,
     out: Path | None,
-    executor: Executor | None,
+    where: tuple[str | None, int | None, str | None],
     sizes: dict[str, Any],
 ) -> Trial:
     """Tests a population of any size, telling what it needs before it begins."""
-    workers, cells = getattr(executor, "workers", 1), sizes["cells"] * sizes["worlds"]
+    cells = sizes["cells"] * sizes["worlds"]
     check_name("--record", record, ("ends", "thinned", "all"))
     file = None if out is None else _place(out)
-    record = record if file else "statistics"
-    memory, disk = needed(world.replace(life=sizes["life"]), record, cells, workers=workers)
-    kept = f", {disk / 2**20:,.0f} MiB in {out}" if file else "; no cell is kept without --out"
-    tell(f"{cells:,} cells, {BLOCK:,} at once: about {memory / 2**20:,.0f} MiB of memory{kept}")
-    with Progress("cells", cells) as bar:
+    kept: Any = record if file else "statistics"
+    own, longer = {"record": kept, "out": file}, world.replace(life=sizes["life"])
+    with launched(*where) as executor, Progress("cells", cells) as bar:
+        memory, disk = needed(longer, kept, cells, workers=getattr(executor, "workers", 1))
+        on_disk = f", {disk / 2**20:,.0f} MiB in {out}" if file else "; no cell is kept without --out"
+        bar.say(f"{cells:,} cells, {BLOCK:,} at once: about {memory / 2**20:,.0f} MiB of memory{on_disk}")
+        if isinstance(executor, Ray):
+            executor = executor.needing(Needs(memory=needed(longer, kept, cells, workers=1)[0]))
 
         def progress(done: int) -> None:
             bar.show(done, text=f"{done:,}/{cells:,}")
 
-        found = evaluation.evaluate(
-            policy,
-            world,
-            experiment=experiment,
-            **sizes,
-            record=record,
-            out=file,
-            executor=executor,
-            progress=progress,
-        )
+        own |= {"executor": executor, "progress": progress}
+        found = evaluation.evaluate(policy, world, experiment=experiment, **sizes, **own)
     return Trial(found.table, functools.partial(save_summary, found), found)
 
 

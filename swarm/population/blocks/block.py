@@ -155,7 +155,8 @@ def needed(world: World, record: Record, cells: int, *, workers: int = 1) -> tup
     """
     at_once = min(cells, streams.BLOCK)
     test = Test(world, {}, cells, 1, 0, record=record)
-    series = memory_needed(world, 1, 3 if test.has_series else 0, every=test.every)
+    series = memory_needed(world, 1, 3, every=test.every) - memory_needed(world, 1, 0)
+    series = series if test.has_series else 0.0
     drawn = 2 * 8 * NOISE_BLOCK * (4 if world.has_noise else 0)
     ends = [(3, each) for each in LIVES.values()] + [(1, each) for each in STARTS.values()]
     kept = sum(times * np.dtype(dtype).itemsize * _width(along, world) for times, (along, dtype, *_) in ends)
