@@ -14,7 +14,7 @@ from swarm.optimal import physical_limit
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy, check_policy, fingerprint
 from swarm.policies.strategies import Greedy
-from swarm.population.blocks.block import Record, Test, blocks_of, each_lived, memory_needed
+from swarm.population.blocks.block import PopulationTest, Record, blocks_of, each_lived, memory_needed
 from swarm.population.blocks.storage import Storage, joined
 from swarm.population.blocks.tally import Tally, limit_of, merged, statistics_of, tally
 from swarm.population.results import RIVAL, origin
@@ -69,7 +69,7 @@ def population_test(
         record = "all" if record else "ends"
     check_name("record", record, get_args(Record))
     world = world.replace(life=life)
-    test = Test(world, policies, cells, worlds, seed, population, episode, record)
+    test = PopulationTest(world, policies, cells, worlds, seed, population, episode, record)
     blocks = blocks_of(test)
     kept = blocks[:1] if out is not None or record == "statistics" else blocks
     held = sum(block.cells * block.worlds for block in kept)
@@ -79,7 +79,7 @@ def population_test(
     return _in_memory(test, executor, progress) if out is None else _in_file(test, out, executor, progress)
 
 
-def _in_memory(test: Test, executor: Executor | None, progress: Progress | None) -> xr.Dataset:
+def _in_memory(test: PopulationTest, executor: Executor | None, progress: Progress | None) -> xr.Dataset:
     import xarray as xr
 
     blocks, tallies, parts = blocks_of(test), dict[int, Tally](), dict[int, xr.Dataset]()
@@ -100,7 +100,7 @@ def _in_memory(test: Test, executor: Executor | None, progress: Progress | None)
 
 
 def _in_file(
-    test: Test, out: str | os.PathLike, executor: Executor | None, progress: Progress | None
+    test: PopulationTest, out: str | os.PathLike, executor: Executor | None, progress: Progress | None
 ) -> xr.Dataset:
     """Writes every block as it is done, those that are there being left alone, then puts them together."""
     blocks, storage = blocks_of(test), Storage(out, _identity(test))
@@ -132,7 +132,7 @@ def _in_file(
     return storage.opened()
 
 
-def _attributes(test: Test, tallies: Sequence[Tally]) -> dict[str, Any]:
+def _attributes(test: PopulationTest, tallies: Sequence[Tally]) -> dict[str, Any]:
     """What the results of a population test say of it."""
     whole = merged(tallies)
     limit = limit_of(whole)
@@ -149,7 +149,7 @@ def _attributes(test: Test, tallies: Sequence[Tally]) -> dict[str, Any]:
     return about
 
 
-def _identity(test: Test) -> dict[str, Any]:
+def _identity(test: PopulationTest) -> dict[str, Any]:
     """What must be the same for blocks to belong together."""
     policies = {name: fingerprint(policy) for name, policy in test.policies.items()}
     return {

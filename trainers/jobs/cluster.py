@@ -5,6 +5,7 @@ and gives the same to the last bit; an error of the task itself is its outcome. 
 the driver, the process that asks, owns every folder.
 """
 
+import copy
 import functools
 import os
 import socket
@@ -64,7 +65,6 @@ class Ray(Executor):
                 self._ray.init(address, log_to_driver=False, logging_level="ERROR", **local)
             except (OSError, RuntimeError, ValueError, self._ray.exceptions.RayError) as error:
                 raise ClusterError(f"address must be a Ray cluster that answers: {_line(error)}") from None
-        self._futures: list[Future] = []
         try:
             self._check_versions()
         except BaseException:
@@ -85,8 +85,8 @@ class Ray(Executor):
             told = ", ".join(f"{_told(name, much)}" for name, much in named.items() if much)
             most = ", ".join(_told(name, max(node.get(name, 0) for node in nodes)) for name in named)
             raise ClusterError(f"a node must have what a task needs, {told}, got at most {most}")
-        other = object.__new__(Ray)
-        other.__dict__ |= self.__dict__ | {"_needs": needs, "_own": False}
+        other = copy.copy(self)
+        other._needs, other._own = needs, False
         return other
 
     def submit(self, do: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future:
@@ -96,6 +96,7 @@ class Ray(Executor):
     def _submitted(
         self, options: dict[str, Any], do: Callable[..., Any], *arguments: Any, **named: Any
     ) -> Future:
+        # Worker and node losses begin a task again, however many; its own errors are returned, never raised.
         remote = self._ray.remote(_outcome).options(max_retries=-1, retry_exceptions=False, **options)
         asked: Future = remote.remote(provenance.versions(), do, arguments, named).future()
         future: Future = Future()

@@ -34,7 +34,7 @@ PROCESS, LIVING = 1.5e8, 1000.0  # [bytes] of a process, and of a living cell, m
 THINNED = 48  # moments of a thinned series, at most
 
 
-class Test(NamedTuple):
+class PopulationTest(NamedTuple):
     """A population test: all that its lives follow from."""
 
     world: World
@@ -74,7 +74,7 @@ class Block(NamedTuple):
     cells: int  # of each world
 
 
-def blocks_of(test: Test) -> list[Block]:
+def blocks_of(test: PopulationTest) -> list[Block]:
     """The blocks of a test, in the order in which they are merged."""
     if test.cells <= streams.BLOCK or test.world.is_shared:
         most = max(1, streams.BLOCK // test.cells)
@@ -88,7 +88,7 @@ def blocks_of(test: Test) -> list[Block]:
     return [Block(number, *place) for number, place in enumerate(places)]
 
 
-def lived(test: Test, block: Block) -> tuple[Tally, xr.Dataset | None]:
+def lived(test: PopulationTest, block: Block) -> tuple[Tally, xr.Dataset | None]:
     """The lives of a block: their tally and, unless only `statistics` are recorded, their results."""
     world, record = test.world, test.has_series
     episode, which = test.episode + block.world, {"population": test.population, "first": block.cell}
@@ -114,7 +114,7 @@ def lived(test: Test, block: Block) -> tuple[Tally, xr.Dataset | None]:
 
 
 def each_lived(
-    test: Test, blocks: Iterable[Block], executor: Executor | None
+    test: PopulationTest, blocks: Iterable[Block], executor: Executor | None
 ) -> Iterator[tuple[Block, Tally, xr.Dataset | None]]:
     """Blocks as they are done, here or by an executor, which says how many `workers` it has; no more than
     twice as many are under way or waited for. Raises what a block does.
@@ -154,7 +154,7 @@ def needed(world: World, record: Record, cells: int, *, workers: int = 1) -> tup
     each worker with a block in it, and what is kept of every cell.
     """
     at_once = min(cells, streams.BLOCK)
-    test = Test(world, {}, cells, 1, 0, record=record)
+    test = PopulationTest(world, {}, cells, 1, 0, record=record)
     series = memory_needed(world, 1, 3, every=test.every) - memory_needed(world, 1, 0)
     series = series if test.has_series else 0.0
     drawn = 2 * 8 * NOISE_BLOCK * (4 if world.has_noise else 0)
