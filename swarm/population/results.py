@@ -104,6 +104,20 @@ def as_dataset(
     return xr.Dataset(variables, coordinates, attributes)
 
 
+def relabelled(arrays: Mapping[str, np.ndarray]) -> xr.Dataset:
+    """Results of their arrays by name, coordinates among them."""
+    import xarray as xr
+
+    columns = {**STARTS, **LIVES, **SERIES, **FRAMES}
+    dimensions = _dimensions(worlds="world" in arrays)
+    variables = {
+        name: (dimensions[name], values, _labels(*columns[name][2:]))
+        for name, values in arrays.items()
+        if name not in COORDINATES
+    }
+    return xr.Dataset(variables, {name: arrays[name] for name in COORDINATES if name in arrays})
+
+
 def _labels(units: str, long_name: str) -> dict[str, str]:
     return {"units": units, "long_name": long_name} if units else {"long_name": long_name}
 

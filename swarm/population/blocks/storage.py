@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarm._support import files
-from swarm.population.results import COORDINATES, SERIES, save_population
+from swarm.population.results import COORDINATES, SERIES, relabelled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,7 +45,7 @@ def parts_of(path: Path) -> Path:
 
 
 class Storage:
-    """A NetCDF file, and beside it until it is whole the folder of its parts, each a file of results."""
+    """A NetCDF file, and beside it until it is whole the folder of its parts, each a file of arrays."""
 
     def __init__(self, path: str | os.PathLike, identity: dict[str, Any]) -> None:
         self.path, self.told = files.expanded(path), json.dumps(identity, sort_keys=True, indent=1)
@@ -81,7 +82,7 @@ class Storage:
             yield
 
     def _file(self, number: int) -> Path:
-        return self.folder / f"{number:07d}.nc"
+        return self.folder / f"{number:07d}.npz"
 
     def has(self, number: int) -> bool:
         """Whether a part is there."""
@@ -89,14 +90,14 @@ class Storage:
 
     def write(self, number: int, part: xr.Dataset) -> None:
         """Writes a part, whole or not at all."""
-        save_population(part, self._file(number))
+        whole, arrays = io.BytesIO(), {str(name): each.values for name, each in part.variables.items()}
+        np.savez(whole, allow_pickle=False, **arrays)
+        files.write_bytes(self._file(number), whole.getvalue())
 
     def part(self, number: int) -> xr.Dataset:
         """A part that is there."""
-        import xarray as xr
-
-        with xr.open_dataset(self._file(number), engine="h5netcdf", decode_times=False) as opened:
-            return opened.load()
+        with np.load(self._file(number), allow_pickle=False) as stored:
+            return relabelled(dict(stored))
 
     def opened(self) -> xr.Dataset:
         """The whole, whose numbers are read when they are asked for."""
@@ -115,24 +116,25 @@ class Storage:
         """
         import h5netcdf
 
+        made: dict[str, Any] = {}
         with files.replacing(self.path) as temporary, h5netcdf.File(temporary, "w") as file:
             for part in parts:
-                for name, values in part.drop_encoding().variables.items():
+                for name, values in part.variables.items():
                     numbers, labels = values.values, dict(values.attrs)
                     if numbers.dtype == bool:  # as xarray stores it
                         numbers, labels = numbers.astype(np.int8), labels | {"dtype": "bool"}
-                    if name not in file.variables:
+                    if name not in made:
                         for each in values.dims:
                             if each not in file.dimensions:
                                 file.dimensions[each] = sizes.get(str(each), part.sizes[each])
-                        _variable(file, str(name), values.dims, numbers, labels)
-                    file.variables[name][_place(part, values.dims)] = numbers
+                        made[str(name)] = _variable(file, str(name), values.dims, numbers, labels)
+                    made[str(name)][_place(part, values.dims)] = numbers
             for key, value in {**attributes(), "identity": self.told}.items():
                 file.attrs[key] = value
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def _variable(file: Any, name: str, dimensions: Any, numbers: np.ndarray, labels: dict[str, Any]) -> None:
+def _variable(file: Any, name: str, dimensions: Any, numbers: np.ndarray, labels: dict[str, Any]) -> Any:
     import h5py
 
     options: dict[str, Any] = {"fillvalue": np.nan} if numbers.dtype.kind == "f" else {}
@@ -143,9 +145,10 @@ def _variable(file: Any, name: str, dimensions: Any, numbers: np.ndarray, labels
     made = file.create_variable(name, dimensions, dtype, **options)
     for key, value in labels.items():
         made.attrs[key] = value
+    return made
 
 
 def _place(part: xr.Dataset, dimensions: Iterable[Any]) -> tuple[slice, ...]:
     """Where a part's values lie within the whole's."""
-    first = {each: int(part[each][0]) for each in ("world", "cell") if each in part.sizes}
+    first = {each: int(part[each].values[0]) for each in ("world", "cell") if each in part.sizes}
     return tuple(slice(first.get(each, 0), first.get(each, 0) + part.sizes[each]) for each in dimensions)
