@@ -1,8 +1,8 @@
-"""Populations of any size: `evaluate` with the ends of all cells written to a file, beside a bare loop.
+"""Populations of any size: `evaluate(record="ends")` beside a bare loop of `policy.act` and `world.step`.
 
-The bare loop is `policy.act` and `world.step` alone, of the same policies and decisions, on blocks of as many
-cells; half of it runs before and half after. Processor time on one thread; memory is the most that a process
-of its own held.
+The bare loop makes the same decisions by the same policies, of a million cells at once, or of a block at a
+time (half of it before and half after). Nanoseconds of processor time per decision of a cell, on one thread;
+memory is the most that a process of its own held.
 """
 
 from __future__ import annotations
@@ -17,71 +17,88 @@ from time import process_time
 from typing import Any
 
 LIFE, POLICY = 4.0, "zoo:linear_n4"
-SIZES = (1_000_000, 10_000_000)
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 def run() -> list[dict[str, Any]]:
-    """A row for each size."""
-    command = [sys.executable, "-W", "ignore", "-m", "benchmarks.population_path"]
+    """A row for each size and place."""
+    (at_once,) = _alone("at_once", 1_000_000)
     rows = []
-    for cells in SIZES:
-        done = subprocess.run(
-            [*command, str(cells)],
-            env={**os.environ, **ONE_THREAD},
-            check=True,
-            capture_output=True,
-            text=True,
+    for cells, file in ((1_000_000, ""), (1_000_000, "file"), (10_000_000, "")):
+        spent, in_blocks, memory = _alone("tested", cells, file)
+        rows.append(
+            {
+                "cells": f"{cells:,}",
+                "ends go to": file or "statistics",
+                "evaluate [ns]": f"{spent:.0f}",
+                "bare loop, a million at once [ns]": f"{at_once:.0f}",
+                "of its throughput": f"{at_once / spent:.2f}",
+                "bare loop, in blocks [ns]": f"{in_blocks:.0f}",
+                "of that": f"{in_blocks / spent:.2f}",
+                "memory [MiB]": f"{memory:.0f}",
+            }
         )
-        rows.append(json.loads(done.stdout.splitlines()[-1]))
     return rows
 
 
-def bare(world: Any, policies: list[Any], blocks: int) -> float:
-    """Seconds of the decisions of so many blocks."""
-    from swarm._support.streams import BLOCK
+def _alone(*words: object) -> list[float]:
+    """What a process of its own finds."""
+    command = [sys.executable, "-W", "ignore", "-m", "benchmarks.population_path", *map(str, words)]
+    environment = {**os.environ, **ONE_THREAD}
+    done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def _players() -> tuple[Any, list[Any]]:
+    import swarm
+
+    return swarm.World(life=LIFE), [swarm.load_policy(POLICY), swarm.Greedy(), swarm.Swinging()]
+
+
+def bare(cells: int, times: int) -> float:
+    """Nanoseconds per decision of a cell, of so many cells at once."""
     from swarm.physics.starts import draw_starts
 
-    spent, first = 0.0, world.start(*draw_starts(world, BLOCK, 1))
-    for policy in policies * blocks:
+    world, policies = _players()
+    spent, first, decisions = 0.0, world.start(*draw_starts(world, cells, 1)), 0
+    for policy in policies * times:
         state = first
         began = process_time()
         while not state.finished[0]:
             state, _ = world.step(state, policy.act(world, state, None))
+            decisions += cells
         spent += process_time() - began
-    return spent
+    return 1e9 * spent / decisions
 
 
-def measured(cells: int) -> dict[str, Any]:
-    """What a test of so many cells takes, against what the bare loop takes for as many."""
+def at_once(cells: str) -> list[float]:
+    """The bare loop on all cells at once."""
+    return [bare(int(cells), 1)]
+
+
+def tested(cells: str, file: str) -> list[float]:
+    """Nanoseconds per decision of a cell of the test, and of the bare loop in blocks; the memory in MiB."""
     import resource
 
-    import swarm
     from swarm._support.streams import BLOCK
     from swarm.population.evaluation import evaluate
 
-    world = swarm.World(life=LIFE)
-    policies = [swarm.load_policy(POLICY), swarm.Greedy(), swarm.Swinging()]
-    sizes: dict[str, Any] = {"experiment": "linear_n4", "life": LIFE, "record": "ends"}
+    world, policies = _players()
+    options: dict[str, Any] = {"experiment": "linear_n4", "life": LIFE}
+    options["record"] = "ends" if file else "statistics"
+    evaluate(POLICY, world, cells=100, **options)  # loads what is loaded once
+    before = bare(BLOCK, 4)
     with tempfile.TemporaryDirectory() as folder:
-        evaluate(POLICY, world, cells=100, **sizes)  # loads what is loaded once
-        alone = bare(world, policies, 4)
         began = process_time()
-        found = evaluate(POLICY, world, cells=cells, out=Path(folder) / "population.nc", **sizes)
+        found = evaluate(
+            POLICY, world, cells=int(cells), out=Path(folder) / "p.nc" if file else None, **options
+        )
         spent = process_time() - began
         found.results.close()
-        size = (Path(folder) / "population.nc").stat().st_size
-    alone = (alone + bare(world, policies, 4)) / (8 * BLOCK)
-    decisions = 3 * 11  # of three policies in a life of 4
-    return {
-        "cells": f"{cells:,}",
-        "bare loop": f"{alone / decisions * 1e9:.0f} ns per decision of a cell",
-        "evaluate": f"{spent / cells / decisions * 1e9:.0f} ns",
-        "of its throughput": f"{alone * cells / spent:.2f}",
-        "memory": f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB",
-        "file": f"{size / 2**20:.0f} MiB",
-    }
+    decisions = int(cells) * len(policies) * world.max_decisions
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return [1e9 * spent / decisions, (before + bare(BLOCK, 4)) / 2, memory]
 
 
 if __name__ == "__main__":
-    print(json.dumps(measured(int(sys.argv[1]))))
+    print(json.dumps(globals()[sys.argv[1]](*sys.argv[2:])))
