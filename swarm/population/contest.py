@@ -144,7 +144,7 @@ def _attributes(test: PopulationTest, tallies: Sequence[Tally]) -> dict[str, Any
         **({} if limit is None else {"limit": limit}),
     }
     if len(tallies) > 1 or test.record == "statistics":
-        found = {"cells": whole.gain.count, "policies": statistics_of(whole, list(test.policies))}
+        found = {"cells": whole.gain.number, "policies": statistics_of(whole, list(test.policies))}
         about |= {"block": streams.BLOCK, "blocks": len(tallies), "statistics": json.dumps(found)}
     return about
 

@@ -108,7 +108,7 @@ def evaluate(
     sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
     results = population_test(world, policies, **sizes, **recorded)
     numbers = statistics(results)
-    about = {"policy": known, "experiment": experiment, "cells": cells, "worlds": worlds}
+    about: dict[str, Any] = {"policy": known, "experiment": experiment, "cells": cells, "worlds": worlds}
     summary = summarise(results, numbers, label, **about)
     return Evaluation(summary, results, table(numbers, cells * worlds), world, label)
 

@@ -91,13 +91,14 @@ def blocks_of(test: PopulationTest) -> list[Block]:
 def lived(test: PopulationTest, block: Block) -> tuple[Tally, xr.Dataset | None]:
     """The lives of a block: their tally and, unless only `statistics` are recorded, their results."""
     world, record = test.world, test.has_series
-    episode, which = test.episode + block.world, {"population": test.population, "first": block.cell}
+    episode = test.episode + block.world
+    which: dict[str, Any] = {"population": test.population, "first": block.cell}
     episodes = range(episode, episode + block.worlds)
-    starts = draw_worlds(world, block.cells, test.seed, episodes, **which)  # type: ignore[arg-type]
+    starts = draw_worlds(world, block.cells, test.seed, episodes, **which)
     if test.worlds == 1:
         starts = type(starts)(*(part[0] for part in starts))
     which["episode"] = episode
-    state = started(world, starts, test.seed, **which)  # type: ignore[arg-type]
+    state = started(world, starts, test.seed, **which)
     lives_of = functools.partial(lives, world, starts=starts, seed=test.seed, every=test.every, state=state)
     found = {
         name: lives_of(policy, name=name, record=record, frames=block.number == 0, **which)
@@ -123,7 +124,7 @@ def each_lived(
         for block in blocks:
             yield block, *lived(test, block)
         return
-    workers = getattr(executor, "workers", None) or getattr(executor, "_max_workers", 1)
+    workers: int = getattr(executor, "workers", getattr(executor, "_max_workers", 1))
     left, futures = iter(blocks), dict[Future, Block]()
     try:
         while True:

@@ -31,7 +31,7 @@ def joined(parts: Iterable[xr.Dataset], sizes: Mapping[str, int], attributes: di
     for part in parts:
         for name, values in part.variables.items():
             if name not in whole:
-                shape = [sizes.get(each, part.sizes[each]) for each in values.dims]
+                shape = [sizes.get(str(each), part.sizes[each]) for each in values.dims]
                 filled = np.full(shape, np.nan if name in SERIES else 0, values.dtype)
                 whole[str(name)] = xr.Variable(values.dims, filled, values.attrs)
             whole[str(name)].values[_place(part, values.dims)] = values.values

@@ -28,7 +28,7 @@ QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 class Moments(NamedTuple):
     """Numbers of each policy, summed up."""
 
-    count: int
+    number: int
     mean: np.ndarray  # (policies,)
     squares: np.ndarray  # (policies,) Σ (x − mean)²
     low: np.ndarray  # (policies,)
@@ -43,21 +43,21 @@ class Moments(NamedTuple):
 
     def merged(self, other: Moments) -> Moments:
         """With those of further numbers."""
-        count, step = self.count + other.count, other.mean - self.mean
+        number, step = self.number + other.number, other.mean - self.mean
         return Moments(
-            count,
-            self.mean + step * (other.count / count),
-            self.squares + other.squares + step**2 * (self.count * other.count / count),
+            number,
+            self.mean + step * (other.number / number),
+            self.squares + other.squares + step**2 * (self.number * other.number / number),
             np.minimum(self.low, other.low),
             np.maximum(self.high, other.high),
         )
 
     def interval(self, policy: int) -> list[float] | None:
         """95% interval [low, high] of the mean of independent numbers; None of a single one."""
-        if self.count < 2:
+        if self.number < 2:
             return None
-        freedom, mean = self.count - 1, float(self.mean[policy])
-        half = float(half_width([(self.squares[policy] / freedom / self.count, freedom)], []))
+        freedom, mean = self.number - 1, float(self.mean[policy])
+        half = float(half_width([(self.squares[policy] / freedom / self.number, freedom)], []))
         return [mean - half, mean + half]
 
 
@@ -76,9 +76,12 @@ class Tally(NamedTuple):
 
     def merged(self, other: Tally) -> Tally:
         """With the tally of the part that comes next."""
-        part = other.gain.count / (self.gain.count + other.gain.count)
+        part = other.gain.number / (self.gain.number + other.gain.number)
         return Tally(
-            *(mine.merged(theirs) for mine, theirs in zip(self[:4], other[:4], strict=True)),
+            self.gain.merged(other.gain),
+            self.ahead.merged(other.ahead),
+            self.units.merged(other.units),
+            self.units_ahead.merged(other.units_ahead),
             self.wins + other.wins,
             self.arrived + other.arrived,
             np.concatenate([self.sample, other.sample], axis=1),
@@ -97,7 +100,10 @@ def tally(results: xr.Dataset, bounds: Bounds | None, *, coupled: bool) -> Tally
     kept = min(SAMPLE, gains.shape[1])
     ranks = ((np.arange(kept) + 0.5) * (gains.shape[1] / kept)).astype(int)
     return Tally(
-        *map(Moments.of, (gains, ahead, *units)),
+        Moments.of(gains),
+        Moments.of(ahead),
+        Moments.of(units[0]),
+        Moments.of(units[1]),
         (ahead > 0).sum(axis=1),
         results["arrived"].values.reshape(len(gains), -1).sum(axis=1),
         np.sort(gains, axis=1)[:, ranks],
@@ -124,7 +130,7 @@ def statistics_of(found: Tally, policies: Sequence[str]) -> dict[str, dict[str, 
     return {
         name: {
             "mean": float(found.gain.mean[i]),
-            "std": float(np.sqrt(found.gain.squares[i] / found.gain.count)),
+            "std": float(np.sqrt(found.gain.squares[i] / found.gain.number)),
             "min": float(found.gain.low[i]),
             "max": float(found.gain.high[i]),
             "ci95": found.units.interval(i),
