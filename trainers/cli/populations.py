@@ -75,13 +75,19 @@ def compare(
     cells: Cells = None,
     worlds: Annotated[int | None, Worlds] = None,
     seed: Seed = 0,
+    launcher: Annotated[str | None, Launcher] = None,
+    jobs: Annotated[int | None, Jobs] = None,
+    address: Annotated[str | None, Address] = None,
     out: NewFolder = None,
 ) -> None:
     """Put runs side by side, with intervals over seeds."""
     from swarm._support.terminal import print_table
     from trainers.jobs import comparison
+    from trainers.jobs.cluster import launched
 
-    groups = comparison.compare(folders, cells=cells, worlds=worlds, seed=seed, out=out)
+    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "seed": seed}
+    with launched(launcher, jobs, address) as executor:
+        groups = comparison.compare(folders, **sizes, out=out, executor=executor)
     table = comparison.table(groups)
     print_table(table.headings, table.texts)
     if out is not None:

@@ -1,24 +1,33 @@
 """Runs side by side: the same test for every policy, grouped by what differs besides the seed."""
 
+from __future__ import annotations
+
 import itertools
 import json
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from swarm._support import files, provenance
 from swarm._support.tables import Table, percent, span
 from swarm._support.terminal import dispensable
+from swarm.physics.world import World
 from swarm.policies.network import load_policy
+from swarm.policies.policy import AnyPolicy
 from swarm.population.contest import population_test
 from swarm.population.results import RIVAL
 from swarm.population.statistics import fraction_of_limit, independent, mean_interval
+from trainers.jobs.executors import InProcess
 from trainers.settings.composition import by_value, settings_from_stored
 from trainers.settings.schema import CELLS, Settings
 from trainers.training import run_folder as runs
 from trainers.training.run_folder import RunError, RunFolder
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 NAMES = ("experiment", "recipe", "algorithm")  # which tell the settings that come with them
 SECTIONS = ("world", "learning", "validation", "evaluation")  # of settings that decide what is learnt
@@ -78,11 +87,13 @@ def compare(
     worlds: int | None = None,
     seed: int = 0,
     out: Path | None = None,
+    executor: Executor | None = None,
 ) -> list[Group]:
     """Test the policies of finished runs on the same cells, so many in each of `worlds` worlds; writes
     comparison.csv, comparison.json and comparison.png.
 
-    By default 40 cells of one world; where cells are coupled, as many as the runs' own tests have.
+    By default 40 cells of one world; where cells are coupled, as many as the runs' own tests have. Runs are
+    tested by the executor, by default one after the other here.
 
     Folders that hold no run are passed over where others do. Raises RunError where none does or a run is not
     finished.
@@ -96,7 +107,12 @@ def compare(
     for folder in found:
         if not RunFolder(folder).finished:
             raise RunError(f"{folder} must be finished; to go on with it: swarm train resume={folder}")
-    groups = grouped([each for folder in found for each in _tested(folder, cells, worlds, seed)])
+    tests = [_test(folder, cells, worlds, seed) for folder in found]
+    submit = (executor or InProcess()).submit
+    futures = [submit(population_test, *each.players, **each.sizes, record="ends") for each in tests]
+    groups = grouped(
+        [one for each, future in zip(tests, futures, strict=True) for one in _tested(each, future.result())]
+    )
     if out is not None:
         _write(out, groups, {"runs": [str(path) for path in found], "seed": seed})
     return groups
@@ -155,17 +171,29 @@ def table(groups: Sequence[Group]) -> Table:
     return Table(headings, rows)
 
 
-def _tested(folder: Path, cells: int | None, worlds: int | None, seed: int) -> list[Contender]:
+class _Test(NamedTuple):
+    """How the policies of a run are tested."""
+
+    settings: Settings
+    players: tuple[World, dict[str, AnyPolicy]]
+    sizes: dict[str, Any]
+
+
+def _test(folder: Path, cells: int | None, worlds: int | None, seed: int) -> _Test:
     run, stored = RunFolder.open(folder)
     settings = settings_from_stored(stored, run.path)
-    policies = {str(each): load_policy(path) for each, path in run.policies(settings)}
+    policies: dict[str, AnyPolicy] = {str(each): load_policy(path) for each, path in run.policies(settings)}
     world = settings.test_world()
     own = settings.evaluation
     usual = (own.cells, own.worlds) if world.is_shared else (CELLS, 1)
     cells, worlds = (usual[0] if cells is None else cells), (usual[1] if worlds is None else worlds)
-    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": world.life, "seed": seed}
-    results = population_test(world, policies, **sizes, record=False)
-    lived = results["gain"].transpose("policy", ..., "cell").values.reshape(-1, worlds, cells)
+    sizes = {"cells": cells, "worlds": worlds, "life": world.life, "seed": seed}
+    return _Test(settings, (world, policies), sizes)
+
+
+def _tested(test: _Test, results: xr.Dataset) -> list[Contender]:
+    shape = (-1, test.sizes["worlds"], test.sizes["cells"])
+    lived = results["gain"].transpose("policy", ..., "cell").values.reshape(shape)
     gains = dict(zip(results["policy"].values, lived, strict=True))
     greedy, limit = gains.pop(RIVAL), results.attrs.get("limit")
-    return [Contender(settings, int(name), gain, greedy, limit) for name, gain in gains.items()]
+    return [Contender(test.settings, int(name), gain, greedy, limit) for name, gain in gains.items()]
