@@ -105,7 +105,10 @@ def test_one_training_counts_once_by_value(runs, seeds):
 def test_a_run_that_is_named_twice_is_tested_once(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     tested = []
-    monkeypatch.setattr(comparison, "_tested", lambda folder, *_: tested.append(folder) or [contender()])
+    asked = comparison._Test(None, (), {})
+    monkeypatch.setattr(comparison, "_test", lambda folder, *_: tested.append(folder) or asked)
+    monkeypatch.setattr(comparison, "population_test", lambda **options: None)
+    monkeypatch.setattr(comparison, "_tested", lambda *_: [contender()])
     for name in ("a", "b"):
         folder = Path(name)
         folder.mkdir()
