@@ -21,7 +21,7 @@ unexport PYTHONHOME PYTHONPATH VIRTUAL_ENV
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test slow lowest newest coverage bench soak cluster cluster-long reproduce examples docs clean FORCE
+.PHONY: help install train test slow peers lowest newest coverage bench soak cluster cluster-long reproduce examples docs clean FORCE
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z ]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -56,7 +56,9 @@ bench: install ## measure speed against the alternatives
 soak: install ## hours of simulation, watching memory and speed
 	$(RUN)/python -m benchmarks.soak $(ARGS)
 
-cluster cluster-long: install ## nodes and workers of a local Ray cluster are lost, and nothing else; long: longer lives
+cluster: install ## lose a worker and a node of a local Ray cluster, and no bit of a result
+cluster-long: install
+cluster cluster-long:
 	@$(RUN)/python -c 'import ray' 2>/dev/null || $(RUN)/python -m pip install -qq -c constraints.txt -e '.[cluster]'
 	CLUSTER=$@ $(RUN)/pytest -m cluster tests/trainers/test_cluster.py $(ARGS)
 
@@ -66,6 +68,11 @@ reproduce: install ## every figure and table of the paper, in runs/reproduce
 examples: install ## install the libraries that the examples are about, and test the examples
 	@$(RUN)/python -c 'import jax, stable_baselines3, supersuit' 2>/dev/null || $(RUN)/python -m pip install -qq -c constraints.txt -e '.[examples]'
 	$(RUN)/pytest tests/docs/test_examples.py $(ARGS)
+
+peers: install ## install other libraries, and run their tests and wrappers on these environments
+	@$(RUN)/python -m pip install -qq -c constraints.txt -e '.[examples,peers]'
+	@$(RUN)/python -m pip install -qq --no-deps moviepy decorator proglog python-dotenv tqdm # moviepy asks for an older pillow
+	$(RUN)/pytest tests/envs/test_peers.py -n 2 $(ARGS)
 
 docs: install ## build the documentation in site/
 	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --strict $(ARGS)

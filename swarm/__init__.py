@@ -110,7 +110,11 @@ __all__ = [
 
 for _kind, _maker in (("parallel", "parallel_env"), ("aec", "env")):
     _pettingzoo.register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=f"swarm.sperm_swarm_v0:{_maker}")
-_gymnasium.register("chemoswarm/SpermSwarm-v0", vector_entry_point="swarm.envs.gymnasium:vector_env")
+_gymnasium.register(
+    "chemoswarm/SpermSwarm-v0",
+    entry_point="swarm.envs.single:SpermSwimmer",
+    vector_entry_point="swarm.envs.gymnasium:vector_env",
+)
 
 
 def __getattr__(name: str) -> Any:
