@@ -20,7 +20,7 @@ from trainers.jobs import cluster, sweep
 from trainers.jobs.cluster import ClusterError, Needs, Ray, launched
 
 ray = pytest.importorskip("ray", reason="needs chemoswarm[cluster]")
-pytestmark = [pytest.mark.slow, pytest.mark.cluster, pytest.mark.filterwarnings("default")]
+pytestmark = [pytest.mark.cluster, pytest.mark.filterwarnings("default")]
 LONG = os.environ.get("CLUSTER") == "cluster-long"
 WORDS = [
     *("learning.n_swimmers=2", "learning.hidden=[4]", "learning.batch_size=4", "learning.buffer_size=50"),
@@ -123,6 +123,7 @@ def check_only_the_lost_was_done_twice(havoc, units):
     print(f"{units} tasks, {len(again)} of them begun again")
 
 
+@pytest.mark.slow
 def test_a_population_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path):
     executor, wreak = havoc
     policies = {"dqn": load_policy("zoo:linear_n4")}
@@ -137,6 +138,7 @@ def test_a_population_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path):
     shared.close(), alone.close()
 
 
+@pytest.mark.slow
 def test_a_sweep_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path, monkeypatch):
     executor, wreak = havoc
     monkeypatch.chdir(tmp_path)
@@ -153,6 +155,7 @@ def test_a_sweep_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path, monkeypat
     check_only_the_lost_was_done_twice(wreaked, 8 * (20 if LONG else 2))
 
 
+@pytest.mark.slow
 def test_what_a_cluster_lacks_is_said_before_it_works(nodes, monkeypatch):
     executor = Ray(nodes.address)
     with pytest.raises(
