@@ -11,6 +11,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExec
 from typing import Any, NamedTuple
 
 from swarm._support.terminal import Progress
+from trainers.training.run_folder import RunError
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 GRACE = 60.0  # [s] a process whose parent is gone has to save what it was doing
@@ -104,7 +105,7 @@ class Processes(Executor):
             return future.result()
         except (BrokenExecutor, KeyboardInterrupt):
             self._own.process = None
-            raise RuntimeError("its process was stopped, perhaps because memory ran out") from None
+            raise RunError("its process was stopped, perhaps because memory ran out") from None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Wait for what runs; with `cancel_futures`, begin nothing more and ask what runs to save and end."""
