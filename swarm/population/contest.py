@@ -22,7 +22,7 @@ from swarm.population.results import RIVAL, origin
 if TYPE_CHECKING:
     import xarray as xr
 
-Progress = Callable[[int], None]
+Progress = Callable[[float], None]
 
 
 def population_test(
@@ -39,7 +39,7 @@ def population_test(
     episode: int = 0,
     out: str | os.PathLike | None = None,
     executor: Executor | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """Lives of `cells` cells in each of `worlds` worlds under each policy, all from the same starts and with
     the same random numbers.
@@ -54,7 +54,7 @@ def population_test(
     Large populations live block by block, in the processes of an `executor` where one is given, see the
     [module][swarm.population.blocks.block]. `out` is a NetCDF file to write them to, with which a call that
     was killed goes on; it is then opened, and numbers are read when they are asked for. `progress` is called
-    with the number of cells whose lives are over, of all worlds.
+    with the part of all decisions that is over.
 
     Attributes: seed, life, settings of the world (JSON), versions, commit, `coupled` (1) where what one cell
     does can matter to another, the limit where there is one and `limit` is asked for, and of several blocks
@@ -83,14 +83,10 @@ def _in_memory(test: PopulationTest, executor: Executor | None, progress: Progre
     import xarray as xr
 
     blocks, tallies, parts = blocks_of(test), dict[int, Tally](), dict[int, xr.Dataset]()
-    done = 0
-    for block, found, part in each_lived(test, blocks, executor):
+    for block, found, part in each_lived(test, blocks, executor, progress):
         tallies[block.number] = found
         if part is not None:
             parts[block.number] = part
-        done += block.cells * block.worlds
-        if progress is not None:
-            progress(done)
     about = _attributes(test, [tallies[block.number] for block in blocks])
     if test.record == "statistics":
         return xr.Dataset(coords={"policy": list(test.policies)}, attrs=about)
@@ -109,14 +105,10 @@ def _in_file(
     with storage.owned():
         left = [block for block in blocks if not storage.has(block.number)]
         tallies: dict[int, Tally] = {}
-        done = test.cells * test.worlds - sum(block.cells * block.worlds for block in left)
-        for block, found, part in each_lived(test, left, executor):
+        for block, found, part in each_lived(test, left, executor, progress):
             assert part is not None
             storage.write(block.number, part)
             tallies[block.number] = found
-            done += block.cells * block.worlds
-            if progress is not None:
-                progress(done)
 
         def parts() -> Any:
             for block in blocks:

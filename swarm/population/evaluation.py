@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from swarm._support import files, provenance
@@ -19,7 +19,7 @@ from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
 from swarm.population.contests import contest, race_in
 from swarm.population.results import RIVAL, data_of
-from swarm.population.statistics import statistics
+from swarm.population.statistics import arrivals, statistics
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,6 +30,11 @@ STRATEGIES: dict[Any, Callable[[World], AnyPolicy]] = {
     "random": lambda world: Random(),
     "swinging": lambda world: Swinging(),
 }
+TO_THE_EGG = (
+    "arrived",
+    "time to egg",
+    "median",
+)  # headings; times are means and medians of those that arrived
 NUMBERS = ("mean", "std", "min", "max", "ci95", "fraction_of_limit")
 
 
@@ -99,8 +104,8 @@ def evaluate(
     """Tests a policy, greedy and swinging on the same starts, `cells` of them in each of `worlds` worlds.
 
     `policy` is a name, a path or a policy itself; `name` is what the summary calls it. What is recorded
-    (`record`), where (`out`) and who computes it are options of `population_test`. Raises PolicyError for a
-    policy that cannot be had.
+    (`record`), where (`out`), who computes it and `progress` are options of `population_test`. Raises
+    PolicyError for a policy that cannot be had.
     """
     world = world.replace(life=life)
     known, label, player = contender(policy, world, name)
@@ -110,7 +115,8 @@ def evaluate(
     numbers = statistics(results)
     about: dict[str, Any] = {"policy": known, "experiment": experiment, "cells": cells, "worlds": worlds}
     summary = summarise(results, numbers, label, **about)
-    return Evaluation(summary, results, table(numbers, cells * worlds), world, label)
+    told = table(results, numbers, cells=cells * worlds, egg=world.egg is not None)
+    return Evaluation(summary, results, told, world, label)
 
 
 def compete(
@@ -123,6 +129,7 @@ def compete(
     worlds: int = 40,
     life: float = 200.0,
     seed: int = 0,
+    progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """A [`contest`][swarm.population.contests.contest] of two policies by their names or paths, of which the
     first steers a `share` of the cells; where nobody races in the world, to the first arrival.
@@ -130,7 +137,7 @@ def compete(
     Raises PolicyError for a policy that cannot be had, and as `contest` does.
     """
     world, players, shares = rivals(policy, rival, world.replace(life=life), share)
-    return contest(world, players, shares, cells=cells, worlds=worlds, seed=seed)
+    return contest(world, players, shares, cells=cells, worlds=worlds, seed=seed, progress=progress)
 
 
 def rivals(
@@ -176,17 +183,28 @@ def summarise(
     if data := data_of(results):
         summary["data"] = data
     if any(row["arrived"] for row in numbers.values()):
-        summary["arrived"] = numbers[label]["arrived"]
+        came = arrivals(results)
+        for of_policy, name in ((summary, label), (summary["greedy"], RIVAL)):
+            of_policy["arrived"] = came[name]["arrived"]
+            times = {each: came[name][each] for each in ("mean", "median")} if came[name]["arrived"] else None
+            if times and times["median"] != times["median"]:  # no cell was kept
+                del times["median"]
+            of_policy["time_to_egg"] = times
     if "block" in results.attrs:
         summary |= {name: int(results.attrs[name]) for name in ("block", "blocks")}
         summary["quantiles"] = numbers[label]["quantiles"]
     return summary
 
 
-def table(numbers: dict[str, dict[str, Any]], cells: int) -> Table:
-    """A row per policy, in the order of their mean gains; `cells` are those of all worlds."""
-    headings = ["policy", "gain", "95% interval of the mean", "min", "max", "over greedy", "wins"]
-    headings += ["of the limit", "arrived"]
+def table(results: xr.Dataset, numbers: dict[str, dict[str, Any]], *, cells: int, egg: bool = False) -> Table:
+    """A row per policy, in the order of their mean gains: gain ± standard deviation of the cells of all
+    worlds, interval of the mean; where there is an `egg`, how many cells arrived, and the mean and median
+    time they took.
+    """
+    bounded = any(row["fraction_of_limit"] is not None for row in numbers.values())
+    headings = ["policy", "gain", "95% interval", "min", "max", "over greedy", "wins"]
+    headings += [*(("of the limit",) if bounded else ()), *(TO_THE_EGG if egg else ())]
+    came = arrivals(results) if egg else {}
     rows: list[list[str | None]] = []
     for name in sorted(numbers, key=lambda each: -numbers[each]["mean"]):
         row, rival = numbers[name], name == RIVAL
@@ -199,9 +217,14 @@ def table(numbers: dict[str, dict[str, Any]], cells: int) -> Table:
                 f"{row['max']:.2f}",
                 None if rival else f"{row['difference_to_greedy']['mean']:+.2f}",
                 None if rival else f"{row['wins']}/{cells}",
-                percent(row["fraction_of_limit"]),
-                f"{row['arrived']}/{cells}",
+                *((percent(row["fraction_of_limit"]),) if bounded else ()),
+                *(to_the_egg(list(came[name].values()), cells) if egg else ()),
             ]
         )
-    columns = len(headings) if any(row["arrived"] for row in numbers.values()) else -1
-    return Table(headings[:columns], [row[:columns] for row in rows])
+    return Table(headings, rows)
+
+
+def to_the_egg(came: Sequence[float], cells: int) -> list[str | None]:
+    """The cells of `TO_THE_EGG`: how many of so many arrived, mean and median time; NaN where none did."""
+    arrived, *times = came
+    return [f"{arrived:.0f}/{cells}", *(None if time != time else f"{time:.1f}" for time in times)]

@@ -73,6 +73,33 @@ def _stored(results: xr.Dataset) -> dict[str, dict[str, Any]] | None:
         return None
 
 
+def times_to_egg(results: xr.Dataset) -> xr.DataArray:
+    """The time (policy, [world,] cell) that each cell took to the egg, infinite where it never came."""
+    times = results["arrival_time" if "arrival_time" in results else "lifetime"].where(
+        results["arrived"], np.inf
+    )
+    return times.transpose("policy", ..., "cell")
+
+
+def arrivals(results: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Per policy: `arrived`, the number of cells that reached the egg, and of those the `mean` and the
+    `median` of the time it took; NaN where none did. Where cells were not kept the median is NaN.
+    """
+    if "arrived" not in results:
+        stored = _stored(results) or {}
+        return {
+            name: {"arrived": row["arrived"], "mean": row["time_to_egg"] or np.nan, "median": np.nan}
+            for name, row in stored.items()
+        }
+    found, taken = {}, times_to_egg(results)
+    for name in results["policy"].values:
+        times = taken.sel(policy=name).values
+        times = times[np.isfinite(times)]
+        mean, median = (float(each(times)) if len(times) else np.nan for each in (np.mean, np.median))
+        found[str(name)] = {"arrived": len(times), "mean": mean, "median": median}
+    return found
+
+
 def independent(values: np.ndarray, coupled: bool) -> np.ndarray:
     """Of values (worlds, cells) those that are independent: the worlds' means, or each."""
     return values.mean(axis=-1) if coupled else values.reshape(-1)

@@ -58,4 +58,4 @@ def test_an_installed_wheel_holds_the_shipped_policies(elsewhere):
 
 
 def test_an_installed_wheel_holds_the_page_of_a_population(elsewhere):
-    assert (elsewhere / "swarm" / "figures" / "page.html").is_file()
+    assert (elsewhere / "swarm" / "figures" / "page" / "assets" / "three.min.js").is_file()

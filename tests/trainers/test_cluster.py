@@ -24,8 +24,8 @@ pytestmark = [pytest.mark.cluster, pytest.mark.filterwarnings("default")]
 LONG = os.environ.get("CLUSTER") == "cluster-long"
 WORDS = [
     *("learning.n_swimmers=2", "learning.hidden=[4]", "learning.batch_size=4", "learning.buffer_size=50"),
-    *("world.life=2", "validation.life=2", "validation.cells=2", "tensorboard=false", "checkpoint_every=2"),
-    f"learning.epochs={40 if LONG else 4}",
+    *("world.life=8", "validation.life=2", "validation.cells=2", "tensorboard=false", "checkpoint_every=30"),
+    f"learning.epochs={600 if LONG else 60}",
     "seed=0,1,2,3,4,5,6,7",
 ]
 CELLS, LIFE = (10_000_000, 20.0) if LONG else (1_000_000, 4.0)

@@ -8,11 +8,13 @@ import itertools
 import json
 import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack
 from datetime import datetime
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
@@ -33,7 +35,7 @@ from trainers.settings.composition import (
 from trainers.settings.schema import Settings
 from trainers.training.machine import check_machine
 from trainers.training.run import train_in
-from trainers.training.run_folder import RunError, RunFolder, is_run_folder
+from trainers.training.run_folder import RunError, RunFolder, is_run_folder, part_done
 
 FOLDER, HYDRAS, HYDRAS_JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
 OPTIONS = ("launcher.jobs", "launcher.address")
@@ -52,30 +54,27 @@ def sweep(words: Sequence[str]) -> None:
             raise SettingsError(f"{rule} and the same {FOLDER}=DIR, got {word}")
     own = dict(word.partition("=")[::2] for word in words if word.startswith(OWN))
     launcher, workers, address = _launcher(own)
-    combinations = expanded([word for word in words if not word.startswith(OWN)])
-    wanted = [settings_from(combination) for combination in combinations]
-    names = named(combinations)
-    check_different(names, wanted)
-    for settings in wanted:
+    runs = wanted(words)
+    for settings in runs.values():
         check_machine(settings)
-    folder = _sweep_folder(own.get(FOLDER), names, wanted)
+    folder = _sweep_folder(own.get(FOLDER), runs)
     with ExitStack() as held:
         if launcher == "ray":
             held.enter_context(files.owned(folder))
-        _run(folder, names, wanted, launched(launcher, workers, address))
+        _run(folder, runs, launched(launcher, workers, address))
 
 
-def _run(folder: Path, names: Sequence[str], wanted: Sequence[Settings], executor: Executor) -> None:
-    paths = [folder / name for name in names]
-    tasks = [Task(path.name, train_in, (path, each)) for path, each in zip(paths, wanted, strict=True)]
+def _run(folder: Path, runs: Mapping[str, Settings], executor: Executor) -> None:
+    paths = [folder / name for name in runs]
+    do: Callable[..., None] = train_in
+    first: list[tuple[Any, ...]] = [()] * len(runs)
     if isinstance(executor, Ray):
-        driven, needed = executor, [needs_of(each) for each in wanted]
-        through = [driven.needing(each) for each in needed]
-        tasks = [
-            Task(path.name, train_through, (each, path, settings))
-            for path, settings, each in zip(paths, wanted, through, strict=True)
-        ]
-        executor = ThreadPoolExecutor(len(tasks))  # each waits for its run's pieces
+        do, first = train_through, [(executor.needing(needs_of(each)),) for each in runs.values()]
+        executor = ThreadPoolExecutor(len(runs))  # each waits for its run's pieces
+    tasks = [
+        Task(path.name, do, (*begin, path, each), part_done=partial(part_done, path, each.learning.epochs))
+        for begin, path, each in zip(first, paths, runs.values(), strict=True)
+    ]
     quoted = shlex.quote(str(folder))
     print(f"{len(paths)} runs in {folder}")
     again = f"the same command with {FOLDER}={quoted} goes on with them"
@@ -100,6 +99,15 @@ def _launcher(own: dict[str, str]) -> tuple[str, int | None, str | None]:
     number = own.get(key)
     jobs = None if number is None else check_count(key, int(number) if number.isdecimal() else number)
     return launcher, None if launcher == "here" else jobs, own.get(OPTIONS[1])
+
+
+def wanted(words: Sequence[str]) -> dict[str, Settings]:
+    """The settings of every combination of the words, by its name; raises SettingsError or RunError."""
+    combinations = expanded([word for word in words if not word.startswith(OWN)])
+    runs = [settings_from(combination) for combination in combinations]
+    names = named(combinations)
+    check_different(names, runs)
+    return dict(zip(names, runs, strict=True))
 
 
 def expanded(words: Sequence[str]) -> list[list[str]]:
@@ -146,12 +154,12 @@ def check_different(names: Sequence[str], wanted: Sequence[Settings]) -> None:
                 raise RunError(f"combinations must differ, got seed {seed} of the same in {other} and {name}")
 
 
-def _sweep_folder(given: str | None, names: Sequence[str], wanted: Sequence[Settings]) -> Path:
+def _sweep_folder(given: str | None, runs: Mapping[str, Settings]) -> Path:
     """The folder of a sweep: the literal path that is given, or a new one of its own."""
     if not given:
         return files.reserved(f"runs/sweep-{datetime.now():%Y%m%d-%H%M%S}")
     folder = files.expanded(given)
-    for name, settings in zip(names, wanted, strict=True):
+    for name, settings in runs.items():
         _check_there(folder / name, settings)
     folder.mkdir(parents=True, exist_ok=True)
     return folder

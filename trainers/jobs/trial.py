@@ -83,11 +83,14 @@ def trial(
     (world,) = noise.check_levels(strengths, kind, world) if strengths else [world]
     if against is not None:
         options["share"] = 0.5 if share is None else share
-        results = evaluation.compete(policy, against, world, **options)
+        with Progress("contest", 1.0) as bar:
+            results = evaluation.compete(policy, against, world, **options, progress=bar.show)
         return Trial(contests.table(results), functools.partial(save_contest, results))
     if record is not None:
         return _recorded(policy, settings.experiment, world, record, out, where, options)
-    tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
+    with Progress("population test", 1.0) as bar:
+        options["progress"] = bar.show
+        tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
     return Trial(tested.table, functools.partial(save_evaluation, tested), tested)
 
 
@@ -113,8 +116,8 @@ def _recorded(
         if isinstance(executor, Ray):
             executor = executor.needing(Needs(memory=needed(longer, kept, cells, workers=1)[0]))
 
-        def progress(done: int) -> None:
-            bar.show(done, text=f"{done:,}/{cells:,}")
+        def progress(part: float) -> None:
+            bar.show(part * cells, text=f"{part * cells:,.0f}/{cells:,}")
 
         own |= {"executor": executor, "progress": progress}
         found = evaluation.evaluate(policy, world, experiment=experiment, **sizes, **own)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -88,8 +88,12 @@ def blocks_of(test: PopulationTest) -> list[Block]:
     return [Block(number, *place) for number, place in enumerate(places)]
 
 
-def lived(test: PopulationTest, block: Block) -> tuple[Tally, xr.Dataset | None]:
-    """The lives of a block: their tally and, unless only `statistics` are recorded, their results."""
+def lived(
+    test: PopulationTest, block: Block, progress: Callable[[float], None] | None = None
+) -> tuple[Tally, xr.Dataset | None]:
+    """The lives of a block: their tally and, unless only `statistics` are recorded, their results; `progress`
+    is called with the part that is over.
+    """
     world, record = test.world, test.has_series
     episode = test.episode + block.world
     which: dict[str, Any] = {"population": test.population, "first": block.cell}
@@ -100,10 +104,12 @@ def lived(test: PopulationTest, block: Block) -> tuple[Tally, xr.Dataset | None]
     which["episode"] = episode
     state = started(world, starts, test.seed, **which)
     lives_of = functools.partial(lives, world, starts=starts, seed=test.seed, every=test.every, state=state)
-    found = {
-        name: lives_of(policy, name=name, record=record, frames=block.number == 0, **which)
-        for name, policy in test.policies.items()
-    }
+    found = {}
+    for number, (name, policy) in enumerate(test.policies.items()):
+        share = 1 / len(test.policies)
+        tell = progress and functools.partial(_tell, progress, number * share, share)
+        own: dict[str, Any] = {"frames": block.number == 0, "progress": tell, **which}
+        found[name] = lives_of(policy, name=name, record=record, **own)
     results = as_dataset(starts, found, {}, every=test.every)
     for dimension, first in (("cell", block.cell), ("world", block.world)):
         if dimension in results.dims:
@@ -114,15 +120,29 @@ def lived(test: PopulationTest, block: Block) -> tuple[Tally, xr.Dataset | None]
     return summed, None if test.record == "statistics" else results
 
 
+def _tell(progress: Callable[[float], None], before: float, share: float, part: float) -> None:
+    """Progress of what is a share of the whole as progress of the whole."""
+    progress(before + share * part)
+
+
 def each_lived(
-    test: PopulationTest, blocks: Iterable[Block], executor: Executor | None
+    test: PopulationTest,
+    blocks: Sequence[Block],
+    executor: Executor | None,
+    progress: Callable[[float], None] | None = None,
 ) -> Iterator[tuple[Block, Tally, xr.Dataset | None]]:
     """Blocks as they are done, here or by an executor, which says how many `workers` it has; no more than
-    twice as many are under way or waited for. Raises what a block does.
+    twice as many are under way or waited for. `progress` is called with the part of all cells that is over.
+    Raises what a block does.
     """
+    sizes = {block: block.cells * block.worlds for block in blocks}
+    cells = test.cells * test.worlds
+    done = cells - sum(sizes.values())
     if executor is None:
         for block in blocks:
-            yield block, *lived(test, block)
+            tell = progress and functools.partial(_tell, progress, done / cells, sizes[block] / cells)
+            yield block, *lived(test, block, tell)
+            done += sizes[block]
         return
     workers: int = getattr(executor, "workers", getattr(executor, "_max_workers", 1))
     left, futures = iter(blocks), dict[Future, Block]()
@@ -132,10 +152,13 @@ def each_lived(
                 futures[executor.submit(lived, test, block)] = block
             if not futures:
                 return
-            done = wait(futures, return_when=FIRST_COMPLETED).done
-            ended = [(futures.pop(future), future) for future in done]
+            ready = wait(futures, return_when=FIRST_COMPLETED).done
+            ended = [(futures.pop(future), future) for future in ready]
             for block, future in ended:
                 yield block, *future.result()
+                done += sizes[block]
+                if progress is not None:
+                    progress(done / cells)
     finally:
         for future in futures:
             future.cancel()
@@ -183,6 +206,7 @@ def lives(
     every: int = 1,
     frames: bool = True,
     state: State | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> dict[str, np.ndarray]:
     """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...) of
     so many decisions one; with several worlds (worlds, cells) stands for (cells); `frames` (frames, ...) of a
@@ -195,6 +219,8 @@ def lives(
     gain = maximal = np.zeros(cells)
     which: Any = {"population": population, "episode": episode, "first": first, "state": state}
     for number, moment in enumerate(rollout(world, policy, starts, seed, **which)):
+        if progress is not None:
+            progress(number / world.max_decisions)
         if record and number % every == 0:
             recorded.append(_series(world, moment))
         if filmed is not None:
@@ -211,7 +237,8 @@ def lives(
             "check what the field and the flow return"
         )
     values = [gain, maximal, arrived, world.time(moment.state), decisions]
-    if world.race is not None:
+    if world.race is not None:  # which also ends the lives of those that did not arrive
+        values[list(LIVES).index("arrived")] = np.isfinite(moment.state.arrival_time)
         values += [moment.state.arrival_time, world.won(moment.state)]
     names = recorded[0] if recorded else ()
     series = {name: np.stack([row[name] for row in recorded], axis=len(cells)) for name in names}

@@ -16,7 +16,7 @@ import numpy as np
 
 from swarm.optimal.physical_limit import Bounds, extrapolated
 from swarm.population.results import RIVAL
-from swarm.population.statistics import fraction_of_limit, half_width, independent
+from swarm.population.statistics import arrivals, fraction_of_limit, half_width, independent
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,6 +70,7 @@ class Tally(NamedTuple):
     units_ahead: Moments
     wins: np.ndarray  # (policies,) cells that gain more than under greedy
     arrived: np.ndarray  # (policies,)
+    time_to_egg: np.ndarray  # (policies,) mean of those that arrived; NaN where none did
     sample: np.ndarray  # (policies, n) gains of evenly spaced rank, rising
     weights: np.ndarray  # (n,) cells that each of them stands for
     limits: dict[str, float]  # mean largest gain by grid; empty where no limit is known
@@ -84,6 +85,7 @@ class Tally(NamedTuple):
             self.units_ahead.merged(other.units_ahead),
             self.wins + other.wins,
             self.arrived + other.arrived,
+            _mean_of(self.arrived, self.time_to_egg, other.arrived, other.time_to_egg),
             np.concatenate([self.sample, other.sample], axis=1),
             np.concatenate([self.weights, other.weights]),
             {name: mean + (other.limits[name] - mean) * part for name, mean in self.limits.items()},
@@ -105,13 +107,25 @@ def tally(results: xr.Dataset, bounds: Bounds | None, *, coupled: bool) -> Tally
         Moments.of(units[0]),
         Moments.of(units[1]),
         (ahead > 0).sum(axis=1),
-        results["arrived"].values.reshape(len(gains), -1).sum(axis=1),
+        *_arrivals(results),
         np.sort(gains, axis=1)[:, ranks],
         np.full(kept, gains.shape[1] / kept),
         {}
         if bounds is None
         else bounds.means(results["start_position"].values, results["start_heading"].values),
     )
+
+
+def _arrivals(results: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    came = arrivals(results)
+    return tuple(np.array([row[name] for row in came.values()]) for name in ("arrived", "mean"))  # type: ignore[return-value]
+
+
+def _mean_of(number: np.ndarray, mean: np.ndarray, further: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The mean of both parts, which is NaN where there are none."""
+    weighed = np.where(number > 0, number * mean, 0.0) + np.where(further > 0, further * other, 0.0)
+    total = number + further
+    return np.divide(weighed, total, out=np.full(len(mean), np.nan), where=total > 0)
 
 
 def merged(tallies: Sequence[Tally]) -> Tally:
@@ -141,6 +155,7 @@ def statistics_of(found: Tally, policies: Sequence[str]) -> dict[str, dict[str, 
             },
             "wins": int(found.wins[i]),
             "arrived": int(found.arrived[i]),
+            "time_to_egg": float(found.time_to_egg[i]) if found.arrived[i] else None,
             "quantiles": _quantiles(found.sample[i], found.weights),
         }
         for i, name in enumerate(policies)
