@@ -13,7 +13,7 @@ from gymnasium.logger import warn
 
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
-from swarm._support.checks import check_count, check_name
+from swarm._support.checks import check_count, check_installed, check_name
 from swarm.physics.crowd.medium import MediumState
 from swarm.physics.starts import Draws, SpreadStarts, Starts, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
@@ -265,6 +265,7 @@ class Watched:
         field where it is carried, else its deviation from the world's field. Raises AttributeError in a world
         without a medium, RuntimeError before the first reset.
         """
+        check_installed("labelled grids need", "xarray", extra="results")
         import xarray as xr
 
         medium = self.world.medium
