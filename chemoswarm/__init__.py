@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from types import ModuleType
@@ -32,7 +31,7 @@ class _Inwards:
         module.__spec__ = module.__spec__.loader_state
 
 
-sys.meta_path.append(_Inwards())
+sys.meta_path.insert(0, _Inwards())  # before the finder of files, which would load a second copy
 
 
 def __getattr__(name: str) -> Any:

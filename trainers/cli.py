@@ -53,9 +53,7 @@ def line_of(error: BaseException) -> str | None:
             return "there was not enough memory"
         case KeyboardInterrupt():
             return str(error) or "stopped"
-        case ImportError():
-            return f"this needs a further package, chemoswarm[train] brings what training needs: {error}"
-        case OSError() | ValueError() | TypeError() | RunError():
+        case ImportError() | OSError() | ValueError() | TypeError() | RunError():
             return str(error)
     return None
 

@@ -15,6 +15,10 @@ def main() -> None:
         signal.signal(number, _stop)
     if sys.platform == "win32":
         _end("the command runs on Linux and macOS, and on Windows within WSL")
+    if sys.argv[1:] == ["--version"]:
+        from swarm import __version__
+
+        return print(f"chemoswarm {__version__}")
     try:
         os.getcwd()
     except FileNotFoundError:
@@ -40,6 +44,10 @@ def _open_streams() -> None:
 
 
 def _run() -> None:
+    try:
+        import trainers.settings  # noqa: F401, which names what is missing
+    except ModuleNotFoundError as error:
+        _end(str(error))
     from trainers.cli import app
 
     try:

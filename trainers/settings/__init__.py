@@ -2,4 +2,4 @@
 
 from swarm._support.checks import check_installed
 
-check_installed("settings need", "hydra", "omegaconf", "pydantic", "yaml", extra="results")
+check_installed("commands need", "hydra", "omegaconf", "pydantic", "typer", "rich", "yaml", extra="results")
