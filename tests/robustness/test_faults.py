@@ -43,11 +43,11 @@ def expected(tmp_path_factory):
 
 
 def begin(folder="run", settings=SETTINGS):
-    cli.begin(settings, Path(folder))
+    cli.training.begin(settings, Path(folder))
 
 
 def resume(folder="run"):
-    cli.resume(Path(folder))
+    cli.training.resume(Path(folder))
 
 
 def message(capsys, command, *arguments):
@@ -389,7 +389,7 @@ def test_a_run_has_one_owner_until_it_is_whole(monkeypatch, capsys):
     tried = []
 
     def testing(*_, **__):
-        tried.append(message(capsys, cli.resume, Path("run")))
+        tried.append(message(capsys, cli.training.resume, Path("run")))
         raise KeyboardInterrupt
 
     settings = short_settings(evaluate=True, evaluation={"cells": 2, "life": 2.0})
@@ -474,7 +474,7 @@ def test_without_the_packages_for_training_there_is_no_folder(monkeypatch, capsy
 
 def test_settings_are_checked_before_there_is_a_folder(capsys):
     words = SimpleNamespace(args=["learning.epochs=0", "hydra.run.dir=run"])
-    assert message(capsys, cli.train, words) == "swarm: learning.epochs must be at least 1, got 0"
+    assert message(capsys, cli.training.train, words) == "swarm: learning.epochs must be at least 1, got 0"
     assert not Path("run").exists()
     assert not Path("runs").exists()
 

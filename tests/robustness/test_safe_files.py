@@ -65,7 +65,7 @@ def test_a_pickle_named_as_a_policy_or_a_checkpoint_does_not_run(capsys):
     for file in (run.path / runs.CHECKPOINTS).rglob("*.*"):
         file.write_bytes(data)
     with pytest.raises(typer.Exit), cli.errors_as_lines():
-        cli.resume(run.path)
+        cli.training.resume(run.path)
     assert "damaged" in capsys.readouterr().err
     assert not Path("canary").exists()
 
@@ -104,7 +104,7 @@ def test_stored_settings_are_values_and_nothing_is_made_from_them(text, capsys):
     Path("run").mkdir()
     Path("run/settings.yaml").write_text(text)
     with pytest.raises(typer.Exit), cli.errors_as_lines():
-        cli.resume(Path("run"))
+        cli.training.resume(Path("run"))
     assert capsys.readouterr().err.startswith("swarm: stored settings: ")
     assert not Path("canary").exists()
 
@@ -148,7 +148,7 @@ def test_a_link_out_of_the_run_folder_is_not_written_through():
     run = start("run", SETTINGS)
     for name in (runs.METRICS, runs.TIMINGS, runs.POLICY, runs.FIGURE):
         (run.path / name).symlink_to(Path("mine.txt").absolute())
-    cli.resume(run.path)
+    cli.training.resume(run.path)
     assert Path("mine.txt").read_text() == "mine"
     assert load_policy(run.path).n_records == 4
 

@@ -47,9 +47,9 @@ def child(folder):
         for stream in (1, 2):
             os.dup2(log, stream)
         if runs.is_run_folder(folder):
-            cli.resume(folder)
+            cli.training.resume(folder)
         else:
-            cli.begin(SETTINGS, folder)
+            cli.training.begin(SETTINGS, folder)
         code = 0
     except BaseException:
         traceback.print_exc()
@@ -77,7 +77,7 @@ def run_to_end(folder):
 def warm_up(folder):
     """Imports and computes here once what every child would."""
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
-        cli.begin(dataclasses.replace(SETTINGS, learning=short_settings().learning), folder)
+        cli.training.begin(dataclasses.replace(SETTINGS, learning=short_settings().learning), folder)
 
 
 def killed_run(folder, longest, moments, most):

@@ -329,7 +329,7 @@ def test_arguments_that_cannot_be_understood_are_named(words, said):
     assert said in usage(*words)
 
 
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1]), "OMP_NUM_THREADS": "1"}
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[2]), "OMP_NUM_THREADS": "1"}
 
 
 def process(*words, code=COMMAND[-1]):

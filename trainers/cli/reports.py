@@ -1,0 +1,56 @@
+"""`swarm reproduce` and `check`: what is claimed, held against what is found."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from trainers.cli.app import app
+
+
+@app.command()
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder for the report; what is finished there is not redone.")],
+    quick: Annotated[bool, typer.Option(help="Test the shipped policies instead of training.")] = False,
+    crowd: Annotated[bool, typer.Option("--crowd", help="The experiments on crowds instead.")] = False,
+    seeds: Annotated[int | None, typer.Option(help="Training seeds; default: 20, of crowds 5.")] = None,
+    jobs: Annotated[int | None, typer.Option(help="Processes at once; default: 2, or 1 on one core.")] = None,
+    publish: Annotated[Path | None, typer.Option(help="Folder for a copy without the runs.")] = None,
+    ship: Annotated[bool, typer.Option("--ship", help="Replace the shipped policies by the best.")] = False,
+) -> None:
+    """Reproduce every figure and table of the paper, with a verdict on each of its claims."""
+    from swarm._support import files
+    from swarm._support.checks import check_count
+    from trainers.crowd import reproduction as crowds
+    from trainers.crowd.plan import CrowdPlan
+    from trainers.paper import reproduction as paper
+    from trainers.paper.plan import Plan
+
+    changes: dict[str, Any] = {"quick": quick}
+    changes |= {} if seeds is None else {"n_seeds": check_count("--seeds", seeds)}
+    changes |= {} if jobs is None else {"workers": check_count("--jobs", jobs)}
+    places = files.expanded(out), publish and files.expanded(publish)
+    if crowd:
+        judged = crowds.reproduce(CrowdPlan(**changes), *places, ship=ship)
+    else:
+        judged = paper.reproduce(Plan(**changes), *places, ship=ship)
+    verdicts = Counter(claim.verdict for claim in judged)
+    print(f"{len(judged)} claims: " + ", ".join(f"{count} {name}" for name, count in verdicts.most_common()))
+    print(f"the report is {out / 'report.md'}")
+
+
+@app.command()
+def check() -> None:
+    """Run every check of the environments' interfaces there is, warnings as errors."""
+    from swarm._support.terminal import print_table
+    from swarm.envs.conformance import run_checks
+
+    found = run_checks()
+    results = {True: "passed", False: "FAILED", None: "skipped"}
+    rows = [[each.name, results[each.passed], each.detail] for each in found]
+    print_table(["check", "result", "detail"], rows)
+    if any(each.passed is False for each in found):
+        raise typer.Exit(1)
