@@ -1,0 +1,163 @@
+"""Beside which versions of other libraries the environments install, step and train: a table.
+
+python -m tests.neighbours [LIBRARY …] [--cache .neighbours] [--out docs/neighbours.txt] [--keep]
+
+Each library gets a fresh virtual environment in the cache: first the library as pip alone chooses it, then this
+software beside exactly that version. Then `with_LIBRARY.py` steps and trains there. Rows of libraries that are not
+named stay as they were. Set PIP_CONSTRAINT to choose a build of torch.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+import venv
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[2]
+SHOWN = ("pettingzoo", "gymnasium", "numpy", "torch", "torchrl", "jax")  # versions it was found to work beside
+LONGEST = 1200  # [s] of one installation or one program
+HEADINGS = ("library", "version", "installed as", "beside", "steps", "trains")
+
+
+class Neighbour(NamedTuple):
+    """A library, what else its program needs, and the extra of this software that it is installed with."""
+
+    package: str
+    needs: tuple[str, ...] = ()
+    extra: str = ""
+
+
+NEIGHBOURS = {
+    "AgileRL": Neighbour("agilerl"),
+    "BenchMARL": Neighbour("benchmarl", extra="[torchrl]"),
+    "JaxMARL": Neighbour("jaxmarl"),
+    "RLlib": Neighbour("ray[rllib]", ("torch",)),
+    "skrl": Neighbour("skrl", ("torch",)),
+    "Stable-Baselines3": Neighbour("stable-baselines3"),
+    "SuperSuit": Neighbour("supersuit", ("stable-baselines3",)),
+    "Tianshou": Neighbour("tianshou"),
+    "TorchRL": Neighbour("torchrl", extra="[torchrl]"),
+    "XuanCe": Neighbour("xuance"),
+}
+PROGRAM = """
+import sys
+from importlib import import_module
+sys.path.insert(0, sys.argv[1])
+program = import_module(sys.argv[2])
+for name in ("steps", "trains"):
+    print(f"{name}: {getattr(program, name)()}", flush=True)
+"""
+
+
+class Failed(Exception):
+    """A command did not do what it should; the message is what it said."""
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    """What a command prints; raises Failed with the reason that it gives at its end."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    try:
+        done = subprocess.run(
+            [*map(str, command)], cwd=cwd, env=kept, capture_output=True, text=True, timeout=LONGEST, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise Failed(f"not done after {LONGEST} s") from None
+    (cwd / "log.txt").open("a").write(f"$ {command}\n{done.stdout}\n{done.stderr}\n")
+    if done.returncode:
+        raise Failed(reason(done.stderr) + "\n" + done.stdout)
+    return done.stdout
+
+
+def reason(said: str) -> str:
+    """The conflict that pip explains, else the last line of an error."""
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    if any("The conflict is caused by" in line for line in lines):
+        return "; ".join(line for line in lines if " depends on " in line or "user requested" in line)
+    return next((line for line in reversed(lines) if "rror" in line), lines[-1] if lines else "no reason given")
+
+
+def install(name: str, folder: Path) -> tuple[Path, dict[str, str]]:
+    """The environment's Python, and the versions of all that is installed there."""
+    package, needs, extra = NEIGHBOURS[name]
+    python = folder / "bin" / "python"
+    if not (folder / "installed").exists():
+        shutil.rmtree(folder, ignore_errors=True)
+        venv.create(folder, with_pip=True)
+        run(python, "-m", "pip", "install", "-q", package, *needs, cwd=folder)
+        alone = package.partition("[")[0]
+        exactly = f"{package}=={versions_in(python, folder)[alone]}"
+        (folder / "exactly").write_text(exactly)
+        run(python, "-m", "pip", "install", "-q", f"{ROOT}{extra}", exactly, cwd=folder)
+        (folder / "installed").touch()
+    else:  # the code may have changed
+        run(python, "-m", "pip", "install", "-q", "--no-deps", "--force-reinstall", ROOT, cwd=folder)
+    return python, versions_in(python, folder)
+
+
+def versions_in(python: Path, folder: Path) -> dict[str, str]:
+    """Version by the normalised name of each installed package."""
+    told = json.loads(run(python, "-m", "pip", "list", "--format=json", cwd=folder))
+    return {each["name"].lower().replace("_", "-"): each["version"] for each in told}
+
+
+def row_of(name: str, folder: Path) -> dict[str, str]:
+    """What became of one library: a row of the table."""
+    package, _, extra = NEIGHBOURS[name]
+    row = dict.fromkeys(HEADINGS, "—") | {"library": name, "installed as": f"`chemoswarm{extra}`"}
+    try:
+        python, found = install(name, folder)
+        row["version"] = found[package.partition("[")[0]]
+        row["beside"] = ", ".join(f"{each} {found[each]}" for each in SHOWN if each in found)
+        program = f"with_{name.lower().replace('-', '_')}"
+        said = run(python, "-c", PROGRAM, Path(__file__).parent, program, cwd=folder)
+    except Failed as failed:
+        remark, _, said = str(failed).partition("\n")
+        if (folder / "exactly").exists():
+            row["version"] = (folder / "exactly").read_text().partition("==")[2]
+        row["trains"] = f"no: {remark[:400]}"
+    told = (line.split(": ", 1) for line in said.splitlines() if line.startswith(("steps: ", "trains: ")))
+    return row | dict(told)
+
+
+def table(rows: list[dict[str, str]], ours: str) -> str:
+    """The rows as a Markdown table."""
+    lines = [" | ".join(HEADINGS), "|".join("---" for _ in HEADINGS)]
+    lines += [" | ".join(row[heading].replace("|", "/") for heading in HEADINGS) for row in rows]
+    made = f"Made by `make neighbours` with chemoswarm {ours} and Python {'.'.join(map(str, sys.version_info[:3]))}."
+    return "\n".join(f"| {line} |" for line in lines) + f"\n\n{made}\n"
+
+
+def main() -> None:
+    """Try the libraries that are named, else all, and write the table."""
+    parser = argparse.ArgumentParser(prog="python -m tests.neighbours", description=__doc__.splitlines()[0])
+    parser.add_argument("libraries", nargs="*", metavar="LIBRARY", help=", ".join(NEIGHBOURS))
+    parser.add_argument("--cache", type=Path, default=ROOT / ".neighbours")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "neighbours.txt")
+    parser.add_argument("--keep", action="store_true", help="keep the environments for the next time")
+    given = parser.parse_args()
+    if unknown := set(given.libraries) - set(NEIGHBOURS):
+        parser.error(f"LIBRARY must be one of {', '.join(NEIGHBOURS)}, got {', '.join(sorted(unknown))}")
+    results = given.cache.resolve() / "results"
+    results.mkdir(parents=True, exist_ok=True)
+    for name in given.libraries or NEIGHBOURS:
+        began, folder = time.monotonic(), results.parent / name
+        row = row_of(name, folder)
+        (results / f"{name}.json").write_text(json.dumps(row, indent=1), encoding="utf-8")
+        print(f"{name} {row['version']}: steps {row['steps']}; trains {row['trains']}", end=" ")
+        print(f"({time.monotonic() - began:.0f} s)", flush=True)
+        if not given.keep:
+            shutil.rmtree(folder, ignore_errors=True)
+    stored = [results / f"{name}.json" for name in NEIGHBOURS]
+    rows = [json.loads(path.read_text(encoding="utf-8")) for path in stored if path.exists()]
+    given.out.write_text(table(rows, version("chemoswarm")), encoding="utf-8")
+    print(f"written to {given.out}")
+
+
+if __name__ == "__main__":
+    main()
