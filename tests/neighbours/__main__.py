@@ -20,7 +20,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
-SHOWN = ("pettingzoo", "gymnasium", "numpy", "torch", "torchrl", "jax")  # versions it was found to work beside
+SHOWN = (
+    "pettingzoo",
+    "gymnasium",
+    "numpy",
+    "torch",
+    "torchrl",
+    "jax",
+)  # versions it was found to work beside
 LONGEST = 1200  # [s] of one installation or one program
 HEADINGS = ("library", "version", "installed as", "beside", "steps", "trains")
 
@@ -62,9 +69,16 @@ class Failed(Exception):
 def run(*command: str | Path, cwd: Path) -> str:
     """What a command prints; raises Failed with the reason that it gives at its end."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    kept |= {"OMP_NUM_THREADS": "1"}  # programs this small only wait for other threads
     try:
         done = subprocess.run(
-            [*map(str, command)], cwd=cwd, env=kept, capture_output=True, text=True, timeout=LONGEST, check=False
+            [*map(str, command)],
+            cwd=cwd,
+            env=kept,
+            capture_output=True,
+            text=True,
+            timeout=LONGEST,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         raise Failed(f"not done after {LONGEST} s") from None
@@ -79,24 +93,27 @@ def reason(said: str) -> str:
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     if any("The conflict is caused by" in line for line in lines):
         return "; ".join(line for line in lines if " depends on " in line or "user requested" in line)
-    return next((line for line in reversed(lines) if "rror" in line), lines[-1] if lines else "no reason given")
+    return next(
+        (line for line in reversed(lines) if "rror" in line), lines[-1] if lines else "no reason given"
+    )
 
 
 def install(name: str, folder: Path) -> tuple[Path, dict[str, str]]:
     """The environment's Python, and the versions of all that is installed there."""
     package, needs, extra = NEIGHBOURS[name]
     python = folder / "bin" / "python"
+    pip = (python, "-m", "pip", "install", "-q", "--no-compile")
     if not (folder / "installed").exists():
         shutil.rmtree(folder, ignore_errors=True)
         venv.create(folder, with_pip=True)
-        run(python, "-m", "pip", "install", "-q", package, *needs, cwd=folder)
+        run(*pip, package, *needs, cwd=folder)
         alone = package.partition("[")[0]
         exactly = f"{package}=={versions_in(python, folder)[alone]}"
         (folder / "exactly").write_text(exactly)
-        run(python, "-m", "pip", "install", "-q", f"{ROOT}{extra}", exactly, cwd=folder)
+        run(*pip, f"{ROOT}{extra}", exactly, cwd=folder)
         (folder / "installed").touch()
     else:  # the code may have changed
-        run(python, "-m", "pip", "install", "-q", "--no-deps", "--force-reinstall", ROOT, cwd=folder)
+        run(*pip, "--no-deps", "--force-reinstall", ROOT, cwd=folder)
     return python, versions_in(python, folder)
 
 
