@@ -2,9 +2,9 @@
 
 python -m tests.neighbours [LIBRARY …] [--cache .neighbours] [--out docs/neighbours.txt] [--keep]
 
-Each library gets a fresh virtual environment in the cache: first the library as pip alone chooses it, then this
-software beside exactly that version. Then `with_LIBRARY.py` steps and trains there. Rows of libraries that are not
-named stay as they were. Set PIP_CONSTRAINT to choose a build of torch.
+Each library gets a fresh virtual environment in the cache: first the library as pip alone chooses it, then
+this software beside exactly that version. Then `with_LIBRARY.py` steps and trains there. Rows of libraries
+that are not named stay as they were. Set PIP_CONSTRAINT to choose a build of torch.
 """
 
 import argparse
