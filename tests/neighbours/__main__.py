@@ -20,14 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
-SHOWN = (
-    "pettingzoo",
-    "gymnasium",
-    "numpy",
-    "torch",
-    "torchrl",
-    "jax",
-)  # versions it was found to work beside
+SHOWN = ("pettingzoo", "gymnasium", "numpy", "torch", "torchrl", "jax")  # beside which it works
 LONGEST = 1200  # [s] of one installation or one program
 HEADINGS = ("library", "version", "installed as", "beside", "steps", "trains")
 
@@ -70,16 +63,9 @@ def run(*command: str | Path, cwd: Path) -> str:
     """What a command prints; raises Failed with the reason that it gives at its end."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     kept |= {"OMP_NUM_THREADS": "1"}  # programs this small only wait for other threads
+    how = {"cwd": cwd, "env": kept, "capture_output": True, "text": True, "timeout": LONGEST, "check": False}
     try:
-        done = subprocess.run(
-            [*map(str, command)],
-            cwd=cwd,
-            env=kept,
-            capture_output=True,
-            text=True,
-            timeout=LONGEST,
-            check=False,
-        )
+        done = subprocess.run([*map(str, command)], **how)
     except subprocess.TimeoutExpired:
         raise Failed(f"not done after {LONGEST} s") from None
     (cwd / "log.txt").open("a").write(f"$ {command}\n{done.stdout}\n{done.stderr}\n")
@@ -93,9 +79,8 @@ def reason(said: str) -> str:
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     if any("The conflict is caused by" in line for line in lines):
         return "; ".join(line for line in lines if " depends on " in line or "user requested" in line)
-    return next(
-        (line for line in reversed(lines) if "rror" in line), lines[-1] if lines else "no reason given"
-    )
+    told = [line for line in lines if "Error" in line] or lines or ["no reason given"]
+    return told[-1]
 
 
 def install(name: str, folder: Path) -> tuple[Path, dict[str, str]]:
@@ -146,7 +131,8 @@ def table(rows: list[dict[str, str]], ours: str) -> str:
     """The rows as a Markdown table."""
     lines = [" | ".join(HEADINGS), "|".join("---" for _ in HEADINGS)]
     lines += [" | ".join(row[heading].replace("|", "/") for heading in HEADINGS) for row in rows]
-    made = f"Made by `make neighbours` with chemoswarm {ours} and Python {'.'.join(map(str, sys.version_info[:3]))}."
+    python = ".".join(map(str, sys.version_info[:3]))
+    made = f"Made by `make neighbours` with chemoswarm {ours} and Python {python}."
     return "\n".join(f"| {line} |" for line in lines) + f"\n\n{made}\n"
 
 

@@ -26,9 +26,7 @@ def trains():
     learner = IPPO(*spaces, agent_ids=agents, learn_step=50, batch_size=50)
     first = [each.detach().clone() for each in learner.actors["swimmer"].parameters()]
     settings = {"max_steps": DECISIONS, "evo_steps": DECISIONS, "eval_loop": 1, "verbose": False}
-    (learnt,), _ = train_multi_agent_on_policy(
-        PzDummyVecEnv(env), "chemoswarm", "IPPO", [learner], **settings
-    )
+    (learnt,), _ = train_multi_agent_on_policy(PzDummyVecEnv(env), "cells", "IPPO", [learner], **settings)
     after = learnt.actors["swimmer"].parameters()
     assert any(not torch.equal(*pair) for pair in zip(first, after, strict=True)), "nothing was learnt"
     return f"IPPO, {DECISIONS} decisions of {CELLS} cells"

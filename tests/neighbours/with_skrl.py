@@ -62,14 +62,8 @@ def trains():
     settings = {"rollouts": 20} | {name: {agent: {} for agent in models} for name in defaults}
     with tempfile.TemporaryDirectory() as folder:
         settings["experiment"] = ExperimentCfg(directory=folder, write_interval=0)
-        learner = IPPO(
-            possible_agents=env.possible_agents,
-            models=models,
-            memories=memories,
-            cfg=settings,
-            device="cpu",
-            **spaces,
-        )
+        parts = {"models": models, "memories": memories, "device": "cpu"} | spaces
+        learner = IPPO(possible_agents=env.possible_agents, cfg=settings, **parts)
         SequentialTrainer(env=env, agents=learner, cfg={"timesteps": DECISIONS}).train()
     assert not torch.equal(first, models["swimmer_0"]["policy"].net[0].weight), "nothing was learnt"
     return f"IPPO, {DECISIONS} decisions of {CELLS} cells"

@@ -16,8 +16,7 @@ def steps():
 
 def trains():
     env = make_vec_env(NAME, n_envs=3, env_kwargs={"life": LIFE})
-    model = PPO("MlpPolicy", env, n_steps=DECISIONS, batch_size=40, seed=0).learn(
-        2 * DECISIONS * env.num_envs
-    )
+    model = PPO("MlpPolicy", env, n_steps=DECISIONS, batch_size=40, seed=0)
+    model.learn(2 * DECISIONS * env.num_envs)
     assert model._n_updates > 0, "nothing was learnt"
     return f"PPO, {model.num_timesteps} decisions of single cells"

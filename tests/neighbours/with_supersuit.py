@@ -1,4 +1,4 @@
-"""SuperSuit: wrappers around the PettingZoo environment, and its vector environment, on which SB3's PPO learns."""
+"""SuperSuit: its wrappers and its vector environment, on which Stable-Baselines3's PPO learns."""
 
 import numpy as np
 import supersuit

@@ -30,9 +30,8 @@ def steps():
 def trains():
     env, algorithms = make_env(), []
     for _ in env.agents:
-        net = Net(
-            state_shape=env.observation_space.shape, action_shape=env.action_space.n, hidden_sizes=(24, 24)
-        )
+        shapes = {"state_shape": env.observation_space.shape, "action_shape": env.action_space.n}
+        net = Net(**shapes, hidden_sizes=(24, 24))
         policy = DiscreteQLearningPolicy(model=net, action_space=env.action_space, eps_training=0.2)
         algorithms.append(DQN(policy=policy, optim=AdamOptimizerFactory(3e-3), gamma=0.98))
     learner = MultiAgentOffPolicyAlgorithm(algorithms=algorithms, env=env)
@@ -47,7 +46,6 @@ def trains():
         update_step_num_gradient_steps_per_sample=0.1,
     )
     learner.run_training(settings)
-    assert any(not torch.equal(*pair) for pair in zip(first, learner.parameters(), strict=True)), (
-        "nothing was learnt"
-    )
+    both = zip(first, learner.parameters(), strict=True)
+    assert any(not torch.equal(*pair) for pair in both), "nothing was learnt"
     return f"DQN, {DECISIONS} turns of {CELLS} cells"

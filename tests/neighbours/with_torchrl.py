@@ -19,21 +19,15 @@ def make_env():
 
 
 def steps():
-    env = make_env()
-    return f"a rollout of {' × '.join(map(str, env.rollout(DECISIONS, break_when_any_done=False).shape))} (worlds × decisions)"
+    worlds, decisions = make_env().rollout(DECISIONS, break_when_any_done=False).shape
+    return f"{decisions} decisions of {worlds} × {CELLS} cells"
 
 
 def network(env, outputs, *, centralised):
     inputs = env.observation_spec[SEEN].shape[-1]
     sizes = {"n_agent_inputs": inputs, "n_agent_outputs": outputs, "n_agents": CELLS}
-    return MultiAgentMLP(
-        **sizes,
-        centralised=centralised,
-        share_params=True,
-        depth=2,
-        num_cells=24,
-        activation_class=torch.nn.Tanh,
-    )
+    inner = {"depth": 2, "num_cells": 24, "activation_class": torch.nn.Tanh}
+    return MultiAgentMLP(**sizes, **inner, centralised=centralised, share_params=True)
 
 
 def trains():
@@ -50,18 +44,16 @@ def trains():
     loss.make_value_estimator(ValueEstimators.GAE, gamma=0.98, lmbda=0.9)
     optimiser = torch.optim.Adam(loss.parameters(), 3e-3)
     first = [each.detach().clone() for each in actor.parameters()]
+    critics = {"params": loss.critic_network_params, "target_params": loss.target_critic_network_params}
     for _ in range(3):
         with torch.no_grad():
             data = env.rollout(DECISIONS, actor, break_when_any_done=False)
-            loss.value_estimator(
-                data, params=loss.critic_network_params, target_params=loss.target_critic_network_params
-            )
+            loss.value_estimator(data, **critics)
         for _ in range(4):
             found = loss(data)
             optimiser.zero_grad()
             sum(value for name, value in found.items() if name.startswith("loss_")).backward()
             optimiser.step()
-    assert any(not torch.equal(*pair) for pair in zip(first, actor.parameters(), strict=True)), (
-        "nothing was learnt"
-    )
+    both = zip(first, actor.parameters(), strict=True)
+    assert any(not torch.equal(*pair) for pair in both), "nothing was learnt"
     return f"MAPPO, 3 × {DECISIONS} decisions of {WORLDS} × {CELLS} cells"
