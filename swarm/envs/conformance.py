@@ -242,9 +242,7 @@ def _vector_wrappers(mode: str) -> None:
 def _vector_returns() -> None:
     if not hasattr(env_checker, "check_returned_data_not_reused"):
         raise _Skipped("Gymnasium has this check from 1.4 on")
-    env_checker.check_returned_data_not_reused(
-        _vector(n_swimmers=1)
-    )  # which asks whether *the* life has ended
+    env_checker.check_returned_data_not_reused(_vector(n_swimmers=1))  # which knows of one life only
 
 
 def _vector_registered() -> None:

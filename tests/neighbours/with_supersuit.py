@@ -24,7 +24,7 @@ def steps():
 
 
 def trains():
-    model = PPO("MlpPolicy", make_env("stable_baselines3"), n_steps=DECISIONS, batch_size=40, seed=0)
+    model = PPO("MlpPolicy", make_env("stable_baselines3"), n_steps=DECISIONS, batch_size=40)
     model.learn(2 * DECISIONS * WORLDS * CELLS)
     assert model._n_updates > 0, "nothing was learnt"
     return f"Stable-Baselines3's PPO, {model.num_timesteps} decisions of single cells"
