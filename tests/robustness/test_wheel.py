@@ -140,7 +140,7 @@ def test_a_plain_install_lives_and_names_the_extra_for_the_rest(plain):
     told = [line.split(": ", 1) for line in done.stdout.splitlines()]
     lacks = [name for name, _ in told if name]
     assert lacks == ["Optimal", "contest", "limit", "population_test"]
-    pattern = r"[\w ]+ needs? \w+: pip install 'chemoswarm\[(\w+)\]'"
+    pattern = r".+ needs? \w+: pip install 'chemoswarm\[(\w+)\]'"
     extras = [re.fullmatch(pattern, line)[1] for _, line in told]
     assert extras == ["results"] * 7 + ["torchrl", "train"]
 
