@@ -7,11 +7,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-
-from swarm._support.checks import check_installed
-
-check_installed("TorchRL's environment needs", "torch", "tensordict", "torchrl", extra="torchrl")
-
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor

@@ -126,7 +126,7 @@ for ask in (
     lambda: env.medium,
     lambda: swarm.GriddedField({"c": grid, "x": np.arange(9.0), "y": np.arange(9.0)}, edges="clamped"),
     lambda: __import__("swarm.figures"),
-    lambda: __import__("swarm.envs.torchrl"),
+    lambda: __import__("swarm.torchrl_env"),
     lambda: __import__("trainers.algorithms"),
 ):
     try: ask(); print("?")
