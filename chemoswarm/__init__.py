@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = swarm.__all__
 
 
-class _Inwards:
+class _Inwards(MetaPathFinder, Loader):
     """Finds `chemoswarm.envs` in `swarm.envs`: the same module, not a second one."""
 
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
@@ -28,7 +29,8 @@ class _Inwards:
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        module.__spec__ = module.__spec__.loader_state
+        assert module.__spec__ is not None
+        module.__spec__ = module.__spec__.loader_state  # its own, which loading it by this name replaced
 
 
 sys.meta_path.insert(0, _Inwards())  # before the finder of files, which would load a second copy
