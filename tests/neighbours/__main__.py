@@ -34,7 +34,7 @@ class Neighbour(NamedTuple):
 
 
 NEIGHBOURS = {
-    "AgileRL": Neighbour("agilerl"),
+    "AgileRL": Neighbour("agilerl", ("peft",)),  # which its algorithms import, whatever they are
     "BenchMARL": Neighbour("benchmarl", extra="[torchrl]"),
     "JaxMARL": Neighbour("jaxmarl"),
     "RLlib": Neighbour("ray[rllib]", ("torch",)),
