@@ -43,7 +43,7 @@ NEIGHBOURS = {
     "SuperSuit": Neighbour("supersuit", ("stable-baselines3",)),
     "Tianshou": Neighbour("tianshou"),
     "TorchRL": Neighbour("torchrl", extra="[torchrl]"),
-    "XuanCe": Neighbour("xuance"),
+    "XuanCe": Neighbour("xuance"),  # whose numpy < 2 has left no room for a program so far
 }
 PROGRAM = """
 import sys

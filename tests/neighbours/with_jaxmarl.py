@@ -1,4 +1,4 @@
-"""JaxMARL: its statistics around `JaxMARLSwarm`, and REINFORCE with one layer for all cells of many worlds."""
+"""JaxMARL: its statistics around `JaxMARLSwarm`, and REINFORCE with one layer for all cells."""
 
 from functools import partial
 
