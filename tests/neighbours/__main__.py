@@ -36,7 +36,7 @@ class Neighbour(NamedTuple):
 NEIGHBOURS = {
     "AgileRL": Neighbour("agilerl", ("peft",)),  # which its algorithms import, whatever they are
     "BenchMARL": Neighbour("benchmarl", extra="[torchrl]"),
-    "JaxMARL": Neighbour("jaxmarl"),
+    "JaxMARL": Neighbour("jaxmarl", ("six",)),  # which gymnax 1.0.1 imports and does not ask for
     "RLlib": Neighbour("ray[rllib]", ("torch",)),
     "skrl": Neighbour("skrl", ("torch",)),
     "Stable-Baselines3": Neighbour("stable-baselines3"),
