@@ -45,10 +45,9 @@ def _open_streams() -> None:
 
 def _run() -> None:
     try:
-        import trainers.settings  # noqa: F401, which names what is missing
-    except ModuleNotFoundError as error:
-        _end(str(error))
-    from trainers.cli import app
+        from trainers.cli import app
+    except ModuleNotFoundError:
+        _end(_missing())
 
     try:
         app()
@@ -58,6 +57,15 @@ def _run() -> None:
                 stream.flush()
             except (OSError, ValueError):  # of which has been told
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _missing() -> str:
+    """What this command lacks."""
+    try:
+        import trainers.settings  # noqa: F401
+    except ModuleNotFoundError as error:
+        return str(error)
+    raise
 
 
 def _stop(number: int, frame: FrameType | None) -> None:

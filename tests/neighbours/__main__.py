@@ -70,7 +70,7 @@ def run(*command: str | Path, cwd: Path) -> str:
         raise Failed(f"not done after {LONGEST} s") from None
     (cwd / "log.txt").open("a").write(f"$ {command}\n{done.stdout}\n{done.stderr}\n")
     if done.returncode:
-        raise Failed(reason(done.stderr) + "\n" + done.stdout)
+        raise Failed(reason(f"{done.stdout}\n{done.stderr}") + "\n" + done.stdout)
     return done.stdout
 
 
@@ -87,18 +87,14 @@ def install(name: str, folder: Path) -> tuple[Path, dict[str, str]]:
     """The environment's Python, and the versions of all that is installed there."""
     package, needs, extra = NEIGHBOURS[name]
     python = folder / "bin" / "python"
-    pip = (python, "-m", "pip", "install", "-q", "--no-compile")
-    if not (folder / "installed").exists():
+    pip = (python, "-m", "pip", "install", "--progress-bar=off", "--no-compile")
+    chosen = folder / "chosen"  # the version that pip chose
+    if not chosen.exists():
         shutil.rmtree(folder, ignore_errors=True)
         venv.create(folder, with_pip=True)
         run(*pip, package, *needs, cwd=folder)
-        alone = package.partition("[")[0]
-        exactly = f"{package}=={versions_in(python, folder)[alone]}"
-        (folder / "exactly").write_text(exactly)
-        run(*pip, f"{ROOT}{extra}", exactly, cwd=folder)
-        (folder / "installed").touch()
-    else:  # the code may have changed
-        run(*pip, "--no-deps", "--force-reinstall", ROOT, cwd=folder)
+        chosen.write_text(versions_in(python, folder)[package.partition("[")[0]])
+    run(*pip, f"{ROOT}{extra}", f"{package}=={chosen.read_text()}", *needs, cwd=folder)
     return python, versions_in(python, folder)
 
 
@@ -114,15 +110,14 @@ def row_of(name: str, folder: Path) -> dict[str, str]:
     row = dict.fromkeys(HEADINGS, "—") | {"library": name, "installed as": f"`chemoswarm{extra}`"}
     try:
         python, found = install(name, folder)
-        row["version"] = found[package.partition("[")[0]]
         row["beside"] = ", ".join(f"{each} {found[each]}" for each in SHOWN if each in found)
         program = f"with_{name.lower().replace('-', '_')}"
         said = run(python, "-c", PROGRAM, Path(__file__).parent, program, cwd=folder)
     except Failed as failed:
         remark, _, said = str(failed).partition("\n")
-        if (folder / "exactly").exists():
-            row["version"] = (folder / "exactly").read_text().partition("==")[2]
         row["trains"] = f"no: {remark[:400]}"
+    if (folder / "chosen").exists():
+        row["version"] = (folder / "chosen").read_text()
     told = (line.split(": ", 1) for line in said.splitlines() if line.startswith(("steps: ", "trains: ")))
     return row | dict(told)
 

@@ -11,8 +11,6 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from swarm._support.provenance import __version__
-
 
 @contextmanager
 def errors_as_lines() -> Iterator[None]:
@@ -70,6 +68,8 @@ app = typer.Typer(
 
 def _print_version(asked: bool) -> None:
     if asked:
+        from swarm import __version__
+
         print(f"chemoswarm {__version__}")
         raise typer.Exit
 
