@@ -75,10 +75,11 @@ def run(*command: str | Path, cwd: Path) -> str:
 
 
 def reason(said: str) -> str:
-    """The conflict that pip explains, else the last line of an error."""
+    """The conflict that pip explains, its first line and ours, else the last line of an error."""
     lines = [line.strip() for line in said.splitlines() if line.strip()]
-    if any("The conflict is caused by" in line for line in lines):
-        return "; ".join(line for line in lines if " depends on " in line or "user requested" in line)
+    if "The conflict is caused by:" in lines:
+        asked = lines[lines.index("The conflict is caused by:") + 1 :]
+        return "; ".join([asked[0], *(line for line in asked if line.startswith("chemoswarm"))])
     told = [line for line in lines if "Error" in line] or lines or ["no reason given"]
     return told[-1]
 
@@ -106,7 +107,7 @@ def versions_in(python: Path, folder: Path) -> dict[str, str]:
 
 def row_of(name: str, folder: Path) -> dict[str, str]:
     """What became of one library: a row of the table."""
-    package, _, extra = NEIGHBOURS[name]
+    extra = NEIGHBOURS[name].extra
     row = dict.fromkeys(HEADINGS, "—") | {"library": name, "installed as": f"`chemoswarm{extra}`"}
     try:
         python, found = install(name, folder)
