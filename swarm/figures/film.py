@@ -41,7 +41,7 @@ def check_size(size: int | None, suffix: str) -> int:
 def check_encoder(suffix: str) -> None:
     """Raises ModuleNotFoundError where the package that encodes such films is missing."""
     if suffix != ".gif":
-        check_installed("all films but .gif need FFmpeg by", "imageio_ffmpeg", extra="video")
+        check_installed("a film other than .gif needs", "imageio_ffmpeg", extra="video")
 
 
 def write_film(path: Path, suffix: str, pictures: Iterator[np.ndarray], height: int) -> None:
