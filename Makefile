@@ -22,7 +22,7 @@ unexport PYTHONHOME PYTHONPATH VIRTUAL_ENV
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test slow lowest newest coverage bench soak reproduce examples neighbours docs clean FORCE
+.PHONY: help install train test slow peers lowest newest coverage bench soak reproduce examples neighbours docs clean FORCE
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z ]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -66,6 +66,11 @@ examples: install ## install the libraries that the examples are about, and test
 
 neighbours: install ## try the environments beside ten other libraries, each in a venv of its own: docs/neighbours.txt
 	$(RUN)/python -m tests.neighbours $(ARGS)
+
+peers: install ## install other libraries, and run their tests and wrappers on these environments
+	@$(RUN)/python -m pip install -qq -c constraints.txt -e '.[examples,peers]'
+	@$(RUN)/python -m pip install -qq --no-deps moviepy decorator proglog python-dotenv tqdm # moviepy asks for an older pillow
+	$(RUN)/pytest tests/envs/test_peers.py -n 2 $(ARGS)
 
 docs: install ## build the documentation in site/
 	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --strict $(ARGS)

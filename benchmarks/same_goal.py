@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-import swarm
 from trainers.settings.composition import settings_from
 from trainers.settings.schema import Settings
 from trainers.training.loop import Training
@@ -142,11 +141,11 @@ def stable_baselines3(experiment: str, seed: int, changed: dict[str, Any], pace:
     from stable_baselines3 import DQN
     from stable_baselines3.common.callbacks import BaseCallback
 
-    from examples.stable_baselines3_dqn import Cells
+    from swarm.envs.stable_baselines3 import SpermSwarmVecEnv
 
     settings = settings_of(experiment, seed, changed)
     learning, checked, world = settings.learning, settings.validation, settings.training_world()
-    cells = Cells(swarm.SpermSwarmVector(learning.n_swimmers, world=world))
+    cells = SpermSwarmVecEnv(learning.n_swimmers, world=world)
     cells.seed(seed)
 
     class Looking(BaseCallback):

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import torch
 
-import swarm
 from benchmarks.same_goal import Pace, Watch, watched_training
 from trainers.settings.composition import settings_from
 from trainers.settings.schema import Settings
@@ -44,11 +43,11 @@ def stable_baselines3(seed: int, rollout: int | None = None) -> list[float]:
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback
 
-    from examples.stable_baselines3_dqn import Cells
+    from swarm.envs.stable_baselines3 import SpermSwarmVecEnv
 
     settings = settings_of(seed)
     checked, world = settings.validation, settings.training_world()
-    cells = Cells(swarm.SpermSwarmVector(settings.learning.n_swimmers, world=world))
+    cells = SpermSwarmVecEnv(settings.learning.n_swimmers, world=world)
     cells.seed(seed)
 
     class Looking(BaseCallback):

@@ -1,5 +1,8 @@
 """SuperSuit's wrappers around the PettingZoo environment, and its vector environment: cells that react late.
 
+Wide arcs are fast and tight ones slow, so lives are of unequal numbers of decisions: `black_death_v3` gives
+cells that have finished zeros until all have.
+
 pip install supersuit
 python examples/supersuit_vec.py
 """
@@ -11,13 +14,10 @@ import swarm
 
 
 def make_vector(late: float, *, worlds: int = 2, cells: int = 20, life: float = 80.0):
-    """`worlds` · `cells` environments in which every action is, with the chance `late`, the one before.
-
-    Worlds must let all cells live equally long: `black_death_v3`, for those that do not, waits in SuperSuit
-    3.11 until every agent is both terminated and truncated, which never happens.
-    """
-    env = swarm.parallel_env(cells, life=life)
+    """`worlds` · `cells` environments in which every action is, with the chance `late`, the one before."""
+    env = swarm.parallel_env(cells, life=life, varying_speed=True)
     env = supersuit.sticky_actions_v0(env, repeat_action_probability=late)
+    env = supersuit.black_death_v3(env)
     env = supersuit.pettingzoo_env_to_vec_env_v1(env)
     return supersuit.concat_vec_envs_v1(env, worlds, num_cpus=0, base_class="gymnasium")
 
@@ -31,18 +31,18 @@ def greedy(observation: np.ndarray, action: np.ndarray) -> np.ndarray:
 
 
 def play(late: float, **settings) -> float:
-    """Mean gain of all cells, one decision before their lives end: then SuperSuit begins the next."""
+    """Mean gain of all cells at the ends of their lives; after the last, SuperSuit begins the next."""
     env = make_vector(late, **settings)
     observation, _ = env.reset(seed=0)
     action = (observation[:, 1] > 0).astype(int)
-    gain = 0.0
+    gains = np.zeros(len(observation))
     while True:
         action = greedy(observation, action)
         observation, _, terminated, truncated, infos = env.step(action)
         if terminated.any() or truncated.any():
             env.close()
-            return gain
-        gain = float(np.mean([info["gain"] for info in infos]))
+            return float(gains.mean())
+        gains = np.array([info.get("gain", gain) for info, gain in zip(infos, gains, strict=True)])
 
 
 def main(chances: tuple[float, ...] = (0.0, 0.1, 0.2, 0.4), **settings) -> dict[float, float]:

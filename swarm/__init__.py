@@ -112,7 +112,11 @@ for _kind, _maker in (("parallel", "parallel_env"), ("aec", "env")):
     if hasattr(_pettingzoo, "register"):  # from PettingZoo 1.27 on
         _entry = f"swarm.sperm_swarm_v0:{_maker}"
         _pettingzoo.register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=_entry)
-_gymnasium.register("chemoswarm/SpermSwarm-v0", vector_entry_point="swarm.envs.gymnasium:vector_env")
+_gymnasium.register(
+    "chemoswarm/SpermSwarm-v0",
+    entry_point="swarm.envs.single:SpermSwimmer",
+    vector_entry_point="swarm.envs.gymnasium:vector_env",
+)
 
 
 def __getattr__(name: str) -> Any:

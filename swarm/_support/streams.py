@@ -48,6 +48,11 @@ def check_seed(seed: int) -> int:
     return number
 
 
+def entropy() -> int:
+    """A seed from the operating system; the global generators stay as they are."""
+    return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+
+
 def generator(population: Population, purpose: Purpose, seed: int, *index: int) -> np.random.Generator:
     """The generator of one draw; `index` (episode, attempt, block, …) separates draws of one purpose."""
     key = (_POPULATIONS[population], _PURPOSES[purpose], *index)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -15,13 +16,16 @@ from swarm._support import streams
 from swarm._support.arrays import where_chosen
 from swarm._support.checks import check_count, check_installed, check_name
 from swarm.physics.crowd.medium import MediumState
-from swarm.physics.starts import Draws, SpreadStarts, Starts, draw_record_noise, draw_starts, noise_of
+from swarm.physics.starts import Draws, SpreadStarts, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
 
 RENDER_MODES = ["human", "rgb_array"]
 RENDER_FPS = 15
 DTYPES = {"float32": np.float32, "float64": np.float64}
 POPULATION: streams.Population = "training"
+WAITING = 512  # states at most that wait until somebody asks for a picture
+
+Seed = int | Sequence[int | None] | None
 
 Face = TypeVar("Face", bound=Callable[..., Any])
 
@@ -41,10 +45,13 @@ def with_parameters(face: Face) -> Face:
 
 
 def make_world(world: World | None, parameters: dict[str, Any]) -> World:
-    """The world that is given, or one of the parameters; raises TypeError or ValueError on unknown ones."""
+    """The world that is given, or one of the parameters; raises TypeError on unknown ones."""
     if world is None:
         for name in parameters:
-            check_name("parameter", name, World.defaults())
+            try:
+                check_name("parameter", name, World.defaults())
+            except ValueError as error:  # in Python's words too: some libraries try what they may give
+                raise TypeError(f"{error} (unexpected keyword argument '{name}')") from None
         return World(**parameters)
     if parameters:
         raise TypeError(f"world must be given alone, got {sorted(parameters)} besides")
@@ -63,14 +70,6 @@ def told(world: World, state: State) -> dict[str, Any]:
     return found
 
 
-def begins_together(world: World) -> bool:
-    """Whether no cell can begin its next life before all do: where they race, or share what changes with time
-    by itself or moves with them.
-    """
-    moves = not world.is_steady or (world.medium is not None and world.medium.leaving == "follow")
-    return world.first_arrivals is not None or (world.is_shared and moves)
-
-
 def no_medium() -> AttributeError:
     """What a world without a medium raises where it is asked for its medium."""
     return AttributeError("medium must be a parameter of the world, got medium=None")
@@ -80,7 +79,8 @@ class Arena:
     """`n_swimmers` cells in a world, each with a life of its own.
 
     Life number `episode[i]` of cell i starts at row i of that episode's starts, so that all faces with the
-    same seed see the same lives. What raises an error leaves everything as it was.
+    same seed see the same lives; where each cell has a seed of its own, at that seed's first row, as it would
+    alone. What raises an error leaves everything as it was.
     """
 
     state: State  # there after the first `reset`, as are `gain` and `action`
@@ -92,43 +92,32 @@ class Arena:
         self.world = world
         self.n_swimmers = check_count("n_swimmers", n_swimmers)
         self.dtype: Any = DTYPES[check_name("dtype", dtype, DTYPES)]
-        self.seed: int | None = None
+        self.seeds: tuple[int, ...] = ()  # one of all cells or one of each; none before the first reset
         self.episode = np.zeros(self.n_swimmers, np.int64)
         self.decision = np.zeros(self.n_swimmers, np.int64)  # of the cell's life
         self._fresh: dict[int, tuple[State, np.ndarray]] = {}
         self._noise: Draws | None = None
 
-    def reset(self, seed: int | None, options: dict[str, Any] | None) -> np.ndarray:
+    def reset(self, seed: Seed, options: dict[str, Any] | None) -> np.ndarray:
         """Begin a life of every cell; returns the observations (cells, N_T · features).
 
         `seed` begins with its episode 0; without it the next episode of the seed in use begins, and where
-        there is none yet, one is drawn from the operating system. Poses may be given:
-        `options["position"]` (cells, 2) [length], `options["heading"]` (cells,) [rad]; other options are
-        ignored.
+        there is none yet, one is drawn from the operating system. A list gives each cell a seed of its own,
+        and where it holds None, its own next episode or a drawn one's first. Poses may be given:
+        `options["position"]` (cells, 2) [length], `options["heading"]` (cells,) [rad].
         """
-        if seed is not None:
-            seed, episode = streams.check_seed(seed), 0
-        elif self.seed is not None:
-            seed, episode = self.seed, int(self.episode.max()) + 1
-        else:  # the global generators stay as they are
-            seed, episode = int(np.random.SeedSequence().generate_state(1, np.uint64)[0]), 0
-        starts = self._starts(seed, episode)
-        options = options or {}
-        position = self._option(options, "position", starts.position)
-        heading = self._option(options, "heading", starts.heading)
-        noise = self._record_noise(seed, episode)
-        state = self.world.start(position, heading, starts.past, self._factors(starts), noise)
+        seeds, episode = self._next(seed)
+        state, action = self._begin(seeds, episode, options or {})
         observation = self.world.observation(state)
         gain = np.zeros(self.n_swimmers, self.dtype)
         self._check_finite(state, observation, gain)
 
-        if seed != self.seed:
-            self.seed = seed
-            self._noise = None
+        if seeds != self.seeds:
+            self.seeds, self._noise = seeds, None
             self._fresh.clear()
-        self.episode = np.full(self.n_swimmers, episode)
+        self.episode = episode
         self.decision = np.zeros(self.n_swimmers, np.int64)
-        self.state, self.gain, self.action = state, gain, starts.past[:, 0]
+        self.state, self.gain, self.action = state, gain, action
         self.eaten = np.zeros(self.n_swimmers, self.dtype)
         return observation
 
@@ -166,34 +155,59 @@ class Arena:
             del self._fresh[number]
         return observation
 
-    def _starts(self, seed: int, episode: int) -> Starts:
-        return draw_starts(self.world, self.n_swimmers, seed, population=POPULATION, episode=episode)
+    def _next(self, seed: Any) -> tuple[tuple[int, ...], np.ndarray]:
+        """The seeds, and the episode of every cell (cells,), that a reset begins."""
+        first = np.zeros(self.n_swimmers, np.int64)
+        own = len(self.seeds) == self.n_swimmers
+        if isinstance(seed, (list, tuple)) or (isinstance(seed, np.ndarray) and seed.ndim):
+            if len(seed) != self.n_swimmers:
+                raise ValueError(f"seed must be one number or a list of {self.n_swimmers}, got {len(seed)}")
+            given = [None if each is None else streams.check_seed(each) for each in seed]
+            if any(each is not None for each in given):
+                before = self.seeds if own else [streams.entropy() for _ in given]
+                seeds = tuple(old if each is None else each for old, each in zip(before, given, strict=True))
+                again = own & np.array([each is None for each in given])
+                return seeds, np.where(again, self.episode + 1, first)
+        elif seed is not None:
+            return (streams.check_seed(seed),), first
+        if not self.seeds:
+            return (streams.entropy(),), first
+        return self.seeds, (self.episode if own else first + self.episode.max()) + 1
+
+    def _begin(
+        self,
+        seeds: tuple[int, ...],
+        episode: np.ndarray,
+        options: dict[str, Any],
+        medium: MediumState | None = None,
+    ) -> tuple[State, np.ndarray]:
+        """State and last action where each cell's `episode` (cells,) begins, in a medium that goes on."""
+        drawn = self._drawn(draw_starts, seeds, episode)
+        starts: Any = type(drawn[0])(*map(np.concatenate, zip(*drawn, strict=True)))
+        position = self._option(options, "position", starts.position)
+        heading = self._option(options, "heading", starts.heading)
+        factors = starts.factors.astype(self.dtype) if isinstance(starts, SpreadStarts) else None
+        noise = None
+        if self.world.concentration_noise > 0:
+            noise = np.concatenate(self._drawn(draw_record_noise, seeds, episode)).astype(self.dtype)
+        return self.world.start(position, heading, starts.past, factors, noise, medium), starts.past[:, 0]
+
+    def _drawn(self, draw: Callable[..., Any], seeds: tuple[int, ...], episode: np.ndarray) -> list[Any]:
+        """What is drawn for the cells of each seed, which are in the same `episode`."""
+        cells = self.n_swimmers // len(seeds)
+        pairs = zip(seeds, episode[::cells].tolist(), strict=True)
+        return [draw(self.world, cells, s, population=POPULATION, episode=e) for s, e in pairs]
 
     def _begun(
         self, episode: int, options: dict[str, Any], medium: MediumState | None
     ) -> tuple[State, np.ndarray]:
-        """State and last action of all cells at the beginning of an episode, in a medium that goes on."""
-        given = medium is not None or any(options.get(name) is not None for name in ("position", "heading"))
-        if given or episode not in self._fresh:
-            assert self.seed is not None
-            starts = self._starts(self.seed, episode)
-            position = self._option(options, "position", starts.position)
-            heading = self._option(options, "heading", starts.heading)
-            further = self._factors(starts), self._record_noise(self.seed, episode)
-            begun = self.world.start(position, heading, starts.past, *further, medium), starts.past[:, 0]
-            if given:
-                return begun
-            self._fresh[episode] = begun
+        """What `_begin` gives, kept for cells that get there later where nothing was given."""
+        every = np.full(self.n_swimmers, episode)
+        if medium is not None or any(options.get(name) is not None for name in ("position", "heading")):
+            return self._begin(self.seeds, every, options, medium)
+        if episode not in self._fresh:
+            self._fresh[episode] = self._begin(self.seeds, every, {})
         return self._fresh[episode]
-
-    def _record_noise(self, seed: int, episode: int) -> np.ndarray | None:
-        cells = self.n_swimmers
-        noise = draw_record_noise(self.world, cells, seed, population=POPULATION, episode=episode)
-        return None if noise is None else noise.astype(self.dtype)
-
-    def _factors(self, starts: Starts) -> np.ndarray | None:
-        given: Any = starts
-        return given.factors.astype(self.dtype) if isinstance(given, SpreadStarts) else None
 
     def told(self) -> dict[str, np.ndarray]:
         """What infos tell of each cell's present life, see `told`."""
@@ -210,9 +224,8 @@ class Arena:
         if not self.world.has_noise:
             return None
         if self._noise is None:
-            assert self.seed is not None
-            cells, seeds = (self.n_swimmers,), (self.seed,)
-            self._noise = Draws(noise_of(self.world), cells, seeds, population=POPULATION, dtype=self.dtype)
+            drawn: Any = noise_of(self.world), (self.n_swimmers,), self.seeds
+            self._noise = Draws(*drawn, population=POPULATION, dtype=self.dtype)
         return self._noise.at(self.episode, self.decision)
 
     # --- checks ---
@@ -271,7 +284,7 @@ class Watched:
         medium = self.world.medium
         if medium is None:
             raise no_medium()
-        if self.arena.seed is None:
+        if not self.arena.seeds:
             raise RuntimeError("reset must be called first")
         held = self.arena.state.medium
         x, y = (np.asarray(axis) for axis in medium.mesh.coordinates(held.origin))
@@ -284,23 +297,28 @@ class Watched:
             None if render_mode is None else check_name("render_mode", render_mode, RENDER_MODES)
         )
         self._viewer: Any = None
+        self._unseen: deque[State] = deque(maxlen=WAITING)  # by the viewer: following costs more than a step
 
     def _follow(self) -> None:
         """Show the viewer, where there is one, where the cells are now."""
         if self.render_mode is not None:
-            self._watch().follow(self.arena.state)
+            self._unseen.append(self.arena.state)
+            if self.render_mode == "human" or self.world.medium is not None:  # grids would fill the memory
+                self._watch()
 
     def _picture(self) -> np.ndarray | None:
         if self.render_mode is None:
             warn('render: make the environment with render_mode="rgb_array" or "human" to see something')
             return None
-        return self._watch().render(self.arena.state)
+        return self._watch().render()
 
     def _watch(self) -> Any:
         from swarm.figures.viewer import Viewer
 
         if self._viewer is None:
             self._viewer = Viewer(self.world, window=self.render_mode == "human", fps=RENDER_FPS)
+        while self._unseen:
+            self._viewer.follow(self._unseen.popleft())
         return self._viewer
 
     def _close(self) -> None:

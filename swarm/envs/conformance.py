@@ -43,6 +43,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "spread": {"speed": 0.1},
     },
     "a race": {"field": "radial", "first_arrivals": 2, "start_box": ((-2, 2), (-2, 2)), "binding_rate": 10.0},
+    "many curvatures": {"curvatures": tuple(np.linspace(3, 5, 9)), "n_records": 2, "interval_rule": "exact"},
+    "few decisions": {"max_cycles": 5},
 }
 
 
@@ -87,6 +89,10 @@ def checks() -> dict[str, Callable[[], object]]:
         "Gymnasium wrappers, SameStep": functools.partial(_vector_wrappers, "SameStep"),
         "Gymnasium wrappers, NextStep": functools.partial(_vector_wrappers, "NextStep"),
         "Gymnasium make_vec": _vector_registered,
+        "Gymnasium check_env": _single,
+        "Gymnasium SyncVectorEnv": _same_as_synchronous,
+        "SuperSuit black_death": _black_death,
+        "Stable-Baselines3 check_env": _stable_baselines3,
         "TorchRL check_env_specs": _torchrl_specs,
         "TorchRL PettingZooWrapper": _torchrl_wrapper,
     }
@@ -113,6 +119,11 @@ def _parallel(**settings: Any) -> Any:
 
 def _vector(**settings: Any) -> Any:
     return SpermSwarmVector(**({"n_swimmers": SWIMMERS, "life": 12.0} | settings))
+
+
+def _alone(settings: dict[str, Any]) -> Any:
+    first = {"first_arrivals": 1} if "first_arrivals" in settings else {}
+    return gymnasium.make("chemoswarm/SpermSwarm-v0", **({"life": 4.0} | settings | first)).unwrapped
 
 
 # --- PettingZoo ---
@@ -249,6 +260,47 @@ def _vector_registered() -> None:
     env = gymnasium.make_vec("chemoswarm/SpermSwarm-v0", num_envs=3, field="radial")
     env.reset(seed=0)
     assert env.num_envs == 3
+
+
+def _single() -> None:
+    for settings in SETTINGS.values():
+        env_checker.check_env(_alone(settings), skip_render_check=True)
+
+
+def _same_as_synchronous() -> None:
+    """Cells with seeds of their own live as single environments in Gymnasium's own vector environment do."""
+    alone = [each for each in SETTINGS.values() if not {"medium", "first_arrivals"} & each.keys()]
+    for settings in alone:
+        made = {"num_envs": 3, "life": 3.0} | settings
+        modes = ("sync", "vector_entry_point")
+        make: Any = functools.partial(gymnasium.make_vec, "chemoswarm/SpermSwarm-v0", **made)
+        theirs, ours = (make(vectorization_mode=mode) for mode in modes)
+        assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"]
+        for seed in ([4, 9, 2], None, [None, 7, None]):
+            assert np.array_equal(theirs.reset(seed=seed)[0], ours.reset(seed=seed)[0]), f"seed {seed}"
+            for decision in range(25):
+                action = (np.arange(3) + decision) % 2
+                parts = zip(theirs.step(action)[:4], ours.step(action)[:4], strict=True)
+                assert all(np.array_equal(*pair) for pair in parts), "vector environments must agree"
+
+
+def _black_death() -> None:
+    """Lives of unequal length as a vector environment, to which finished cells are zeros."""
+    _need("supersuit", "black_death_v3")
+    supersuit = importlib.import_module("supersuit")
+    for settings in SETTINGS.values():
+        env = supersuit.pettingzoo_env_to_vec_env_v1(supersuit.black_death_v3(_parallel(**settings)))
+        env.reset(seed=0)
+        over = [np.all(env.step(np.zeros(SWIMMERS, int))[2]) for _ in range(60)]
+        assert any(over), "all lives must end"
+
+
+def _stable_baselines3() -> None:
+    _need("stable_baselines3", "VecEnv")
+    from stable_baselines3.common.env_checker import check_env
+
+    for settings in SETTINGS.values():
+        check_env(_alone(settings), skip_render_check=True)
 
 
 # --- TorchRL ---

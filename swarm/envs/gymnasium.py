@@ -15,8 +15,8 @@ from swarm.envs.arena import (
     RENDER_FPS,
     RENDER_MODES,
     Arena,
+    Seed,
     Watched,
-    begins_together,
     make_world,
     with_parameters,
 )
@@ -31,10 +31,10 @@ class SpermSwarmVector(Watched, VectorEnv):
     A cell whose life has ended begins its next by itself, at its row of the next episode's starts, while the
     others go on. `autoreset_mode` says when, as in Gymnasium:
 
-    - "SameStep", the default: in the step that ends the life. The observation is already the new life's
-      first; the last of the old is in `info["final_obs"]`, its gain in `info["final_info"]["gain"]`, for the
-      cells that `info["_final_obs"]` marks.
-    - "NextStep": in the step after, whatever the action, with reward 0.
+    - "NextStep", the default as in Gymnasium: in the step after, whatever the action, with reward 0.
+    - "SameStep": in the step that ends the life. The observation is already the new life's first; the last
+      of the old is in `info["final_obs"]`, its gain in `info["final_info"]["gain"]`, for the cells that
+      `info["_final_obs"]` marks.
     - "Disabled": in `reset(options={"reset_mask": cells})`, until which no step is possible.
 
     `info["gain"]` is c(t) − c(0) of every cell [concentration]; `eaten`, `arrival_time` and `won` stand
@@ -54,7 +54,7 @@ class SpermSwarmVector(Watched, VectorEnv):
         max_cycles: int | None = None,
         render_mode: str | None = None,
         dtype: str = "float64",
-        autoreset_mode: str | AutoresetMode = AutoresetMode.SAME_STEP,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         world: World | None = None,
         **parameters: Any,
     ) -> None:
@@ -76,15 +76,17 @@ class SpermSwarmVector(Watched, VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._done: np.ndarray | None = None  # (cells,) lives that are over; None before the first reset
-        self._together = begins_together(self.world)
+        self._together = _begins_together(self.world)
         self._waiting = np.zeros((2, self.num_envs), bool)  # terminated, truncated, and not told yet
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self, *, seed: Seed = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin a life of every cell; returns observations (cells, N_T · features) float32 and info.
 
-        `seed` begins a stream of episodes; without it the next episode of the stream begins.
+        `seed` begins a stream of episodes; without it the next episode of the stream begins. A list of a seed
+        or None for each cell gives each its own stream, that of the single environment with that seed; with
+        None a cell's own stream goes on, or one that is drawn begins.
         `options["position"]` (cells, 2) [length] and `options["heading"]` (cells,) [rad] set poses; with
         `options["reset_mask"]` (cells,) bool only those cells begin their next life, at their rows of the
         poses. Others are ignored.
@@ -97,7 +99,7 @@ class SpermSwarmVector(Watched, VectorEnv):
             observation = self.arena.restart(cells, options)
             self._done = self._begun() & ~cells
         self._waiting = np.zeros_like(self._waiting)
-        super().reset(seed=None if seed is None else self.arena.seed)
+        super().reset(seed=None if seed is None else self.arena.seeds[0])
         self._follow()
         return observation, self._info()
 
@@ -145,10 +147,12 @@ class SpermSwarmVector(Watched, VectorEnv):
     # --- pictures ---
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """One picture (height, width, 3) uint8 of all cells with "rgb_array"; "human" shows it."""
+        """The picture (height, width, 3) uint8 of the world that they share once for every cell, with
+        "rgb_array"; "human" shows it.
+        """
         self._begun()
         picture = self._picture()
-        return None if picture is None else (picture,)
+        return None if picture is None else (picture,) * self.num_envs
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the window, if there is one."""
@@ -185,7 +189,7 @@ class SpermSwarmVector(Watched, VectorEnv):
             "_final_info": done.copy(),
         }
 
-    def _reset_mask(self, seed: int | None, options: dict[str, Any] | None) -> np.ndarray | None:
+    def _reset_mask(self, seed: Seed, options: dict[str, Any] | None) -> np.ndarray | None:
         if options is None or options.get("reset_mask") is None:
             return None
         cells = options["reset_mask"]
@@ -218,6 +222,14 @@ class SpermSwarmVector(Watched, VectorEnv):
         return action
 
 
+def _begins_together(world: World) -> bool:
+    """Whether no cell can begin its next life before all do: where they race, or share what changes with time
+    by itself or moves with them.
+    """
+    moves = not world.is_steady or (world.medium is not None and world.medium.leaving == "follow")
+    return world.first_arrivals is not None or (world.is_shared and moves)
+
+
 def _held_back(
     terminated: np.ndarray, truncated: np.ndarray, waiting: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -227,6 +239,8 @@ def _held_back(
     return (*ended, untold) if ended.any(axis=0).all() else (*untold, ended)
 
 
-def vector_env(num_envs: int = 40, **kwargs: Any) -> SpermSwarmVector:
-    """`SpermSwarmVector` under the name for its size that `gymnasium.make_vec` uses."""
-    return SpermSwarmVector(num_envs, **kwargs)
+def vector_env(
+    num_envs: int = 40, *, max_episode_steps: int | None = None, **kwargs: Any
+) -> SpermSwarmVector:
+    """`SpermSwarmVector` under the names for its size and `max_cycles` that `gymnasium.make_vec` uses."""
+    return SpermSwarmVector(num_envs, **({"max_cycles": max_episode_steps} | kwargs))

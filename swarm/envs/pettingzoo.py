@@ -21,10 +21,11 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box, Discrete
 from pettingzoo import ParallelEnv
-from pettingzoo.utils import parallel_to_aec
+from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 from pettingzoo.utils.env import AECEnv
 from pettingzoo.utils.wrappers import AssertOutOfBoundsWrapper, OrderEnforcingWrapper
 
+from swarm._support import streams
 from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, Watched, make_world, with_parameters
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow
@@ -67,13 +68,32 @@ def parallel_env(
 @functools.wraps(parallel_env, assigned=(), updated=())
 def raw_env(*args: Any, **kwargs: Any) -> AECEnv:
     """`parallel_env` with agents that act one after another; same arguments."""
-    return parallel_to_aec(parallel_env(*args, **kwargs))
+    return OrderEnforcingWrapper(InTurns(parallel_env(*args, **kwargs)))
 
 
 @functools.wraps(parallel_env, assigned=(), updated=())
 def env(*args: Any, **kwargs: Any) -> AECEnv:
     """`raw_env` that refuses actions outside the action space at once; same arguments."""
     return OrderEnforcingWrapper(AssertOutOfBoundsWrapper(raw_env(*args, **kwargs)))
+
+
+class InTurns(parallel_to_aec_wrapper):
+    """PettingZoo's conversion, with whatever else the parallel environment has: `world`, `np_random`, …"""
+
+    @property
+    def observation_spaces(self) -> dict[str, Box]:
+        """Every agent's observation space."""
+        return self.env.observation_spaces
+
+    @property
+    def action_spaces(self) -> dict[str, Discrete]:
+        """Every agent's action space."""
+        return self.env.action_spaces
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name == "env":
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        return getattr(self.env, name)
 
 
 class SpermSwarm(Watched, ParallelEnv):
@@ -100,11 +120,13 @@ class SpermSwarm(Watched, ParallelEnv):
         self._set_up(max_cycles, render_mode)
         self.possible_agents = [f"swimmer_{i}" for i in range(self.arena.n_swimmers)]
         self.agents: list[str] = []
+        self._known = f"swimmer_0 to {self.possible_agents[-1]}"
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         self._live: np.ndarray | None = None  # rows of `agents`; None while nobody has finished
         self._cycle: int | None = None  # decisions since reset; None before the first
         self._observation_spaces: dict[str, Box] = {}  # of the agents that were asked for
         self._action_spaces: dict[str, Discrete] = {}
+        self._np_random: np.random.Generator | None = None
         self.state_space = self._make_state_space()
 
     def observation_space(self, agent: str) -> Box:
@@ -132,6 +154,24 @@ class SpermSwarm(Watched, ParallelEnv):
         """Every agent's action space; made when they are asked for."""
         return {agent: self.action_space(agent) for agent in self.possible_agents}
 
+    def agent_index(self, agent: str) -> int:
+        """The row of an agent in `state()` and in options; raises ValueError where none has the name."""
+        if agent not in self._index:
+            raise ValueError(f"agent must be one of {self._known}, got {agent!r}")
+        return self._index[agent]
+
+    @property
+    def np_random(self) -> np.random.Generator:
+        """A generator for wrappers and for users, begun by a reset's seed; nothing here draws from it."""
+        if self._np_random is None:
+            self._np_random = np.random.default_rng()
+        return self._np_random
+
+    @property
+    def steps(self) -> int:
+        """Decisions since the last reset."""
+        return self._cycle or 0
+
     # --- episodes ---
 
     def reset(
@@ -143,7 +183,11 @@ class SpermSwarm(Watched, ParallelEnv):
         `options["position"]` (N, 2) [length] and `options["heading"]` (N,) [rad] set poses, inside the start
         box or not; other options are ignored.
         """
+        if seed is not None:
+            seed = streams.check_seed(seed)
         observation = self.arena.reset(seed, options)
+        if seed is not None or self._np_random is None:
+            self._np_random = np.random.default_rng(self.arena.seeds[0])
         self.agents, self._live, self._cycle = self.possible_agents[:], None, 0
         self._follow()
         return dict(zip(self.agents, observation, strict=True)), self._infos(
@@ -157,14 +201,15 @@ class SpermSwarm(Watched, ParallelEnv):
     ]:
         """One decision of every cell in `agents`, whatever its length.
 
-        Every agent in `agents` needs an action; those of finished agents are ignored. Raises TypeError or
-        ValueError where something is wrong, and leaves everything as it was.
+        Every agent in `agents` needs an action; those of finished agents are ignored. Once all have finished
+        nothing happens, and five empty dictionaries are returned. Raises TypeError or ValueError where
+        something is wrong, and leaves everything as it was.
         """
         cycle = self._check_begun() + 1
-        if not self.agents:
-            raise RuntimeError("step: every swimmer has finished; call reset to begin the next episode")
-        agents, live = self.agents, self._live
-        outcome = self.arena.step(self._unpack(actions))
+        action, agents, live = self._unpack(actions), self.agents, self._live
+        if not agents:
+            return {}, {}, {}, {}, {}
+        outcome = self.arena.step(action)
         self._cycle = cycle
         observation, reward, terminated, truncated, gain = (
             outcome if live is None else (values[live] for values in outcome)
@@ -233,7 +278,7 @@ class SpermSwarm(Watched, ParallelEnv):
             chosen = np.frombuffer(bytes(values), np.uint8)
         except (TypeError, ValueError):
             chosen = None
-        if chosen is None or chosen.max() >= self.world.n_actions:
+        if chosen is None or chosen.max(initial=0) >= self.world.n_actions:
             chosen = self._unpack_slowly(values)
         if self._live is None:
             return chosen
@@ -259,8 +304,7 @@ class SpermSwarm(Watched, ParallelEnv):
             return TypeError(f"actions must be a dictionary from agents to actions, got {actions!r}")
         for agent in actions:
             if agent not in self._index:
-                known = f"swimmer_0 to {self.possible_agents[-1]}"
-                return ValueError(f"actions must be for {known}, got one for {agent!r}")
+                return ValueError(f"actions must be for {self._known}, got one for {agent!r}")
         missing = [agent for agent in self.agents if agent not in actions]
         return ValueError(
             f"actions must be given for every agent in `agents`, got none for {_listed(missing)}"

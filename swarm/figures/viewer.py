@@ -57,10 +57,8 @@ class Viewer:
             for i in range(frames):
                 self.window.show(self.picture((i + 1) / frames))
 
-    def render(self, state: State) -> np.ndarray | None:
-        """The picture of the latest state, of `state` if there is none yet; None where a window shows it."""
-        if self.glance is None:
-            self.follow(state)
+    def render(self) -> np.ndarray | None:
+        """The picture of the latest state; None where a window shows it."""
         if self.window is None:
             return self.picture()
         self.window.show(self.picture())

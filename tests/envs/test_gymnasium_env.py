@@ -54,7 +54,7 @@ WORLDS = {
 
 @pytest.mark.parametrize("name", WORLDS)
 def test_every_cell_lives_one_life_after_another_from_its_own_starts(name):
-    env = SpermSwarmVector(5, **WORLDS[name])
+    env = SpermSwarmVector(5, autoreset_mode="SameStep", **WORLDS[name])
     observation, _ = env.reset(seed=0)
     episodes = np.zeros(5, int)
     lives = [played(env.world, 5, 0, cell, env.arena.dtype, 0) for cell in range(5)]
@@ -134,7 +134,7 @@ def test_ends_are_told_as_gymnasium_s_own_vector_environments_tell_them():
             return np.ones(8, np.float32), 1.0, False, True, {"gain": 1.0}
 
     theirs = SyncVectorEnv([Short] * 3, autoreset_mode=AutoresetMode.SAME_STEP)
-    ours = SpermSwarmVector(3, life=0.1)
+    ours = SpermSwarmVector(3, life=0.1, autoreset_mode="SameStep")
     for env in (theirs, ours):
         env.reset(seed=0)
     their, our = (env.step(np.zeros(3, int)) for env in (theirs, ours))
@@ -160,14 +160,16 @@ def test_spaces_are_batches_of_one_cell_s():
 def test_metadata_declares_when_lives_begin():
     for mode in MODES:
         assert SpermSwarmVector(1, autoreset_mode=mode).metadata["autoreset_mode"] is AutoresetMode(mode)
-    assert SpermSwarmVector(1).metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-    given = AutoresetMode.NEXT_STEP
+    assert SpermSwarmVector(1).metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    given = AutoresetMode.SAME_STEP
     assert SpermSwarmVector(1, autoreset_mode=given).autoreset_mode is given
 
 
 def test_it_is_registered_with_gymnasium():
-    env = gymnasium.make_vec("chemoswarm/SpermSwarm-v0", num_envs=4, flow="taylor_green", sense_flow=True)
+    settings = {"flow": "taylor_green", "sense_flow": True, "max_episode_steps": 7}
+    env = gymnasium.make_vec("chemoswarm/SpermSwarm-v0", num_envs=4, **settings)
     assert isinstance(env.unwrapped, swarm.SpermSwarmVector)
+    assert env.unwrapped.max_cycles == 7
     assert env.num_envs == 4
     assert env.spec.id == "chemoswarm/SpermSwarm-v0"
 
@@ -184,7 +186,8 @@ def test_it_starts_where_the_pettingzoo_face_starts():
 
 
 def test_max_cycles_truncates_each_cell_counting_from_its_own_start():
-    env = SpermSwarmVector(2, field="radial", life=400.0, max_cycles=4)
+    settings = {"field": "radial", "life": 400.0, "max_cycles": 4}
+    env = SpermSwarmVector(2, autoreset_mode="SameStep", **settings)
     env.reset(seed=0, options={"position": [(1.1, 0.0), (9.0, 9.0)], "heading": [np.pi, 0.0]})
     ends = []
     for _ in range(9):
@@ -287,6 +290,43 @@ def test_bad_options_are_told_and_change_nothing(options, error, message):
     assert snapshot(env) == before
 
 
+@pytest.mark.parametrize("seed", [[3, 4], [3, 4, 5, 6], np.arange(2)])
+def test_seeds_must_be_as_many_as_cells(seed):
+    env = SpermSwarmVector(3)
+    env.reset(seed=0)
+    before = snapshot(env)
+    with pytest.raises(ValueError, match=f"seed must be one number or a list of 3, got {len(seed)}"):
+        env.reset(seed=seed)
+    for wrong, error in (([1, 2, -1], ValueError), ([1, 2, "a"], TypeError), ([1, 2.5, 3], TypeError)):
+        with pytest.raises(error, match="seed must"):
+            env.reset(seed=wrong)
+    assert snapshot(env) == before
+
+
+def test_a_cell_with_a_seed_of_its_own_lives_as_it_would_alone():
+    settings = {"varying_speed": True, "life": 3.0, "concentration_noise": 0.1, "curvature_noise": 0.1}
+    env = SpermSwarmVector(3, autoreset_mode="SameStep", **settings)
+    env.reset(seed=9)
+    for seeds, again in ((np.array([5, 2**64 - 1, 7], np.uint64), None), ([None, 8, None], None)):
+        alone = [SpermSwarmVector(1, autoreset_mode="SameStep", **settings) for _ in seeds]
+        observation, _ = env.reset(seed=seeds)
+        given = env.arena.seeds
+        for i, each in enumerate(alone):
+            each.reset(seed=given[i])
+            for _ in range(int(env.arena.episode[i])):
+                each.reset(seed=again)
+            np.testing.assert_array_equal(each.arena.state.position[0], env.arena.state.position[i])
+        for decision in range(25):
+            action = actions(env, decision)
+            observation, reward, *_ = env.step(action)
+            for i, each in enumerate(alone):
+                seen, earned, *_ = each.step(action[[i]])
+                np.testing.assert_array_equal(seen[0], observation[i])
+                assert earned[0] == reward[i]
+    assert given[1] == 8
+    assert env.arena.seeds[::2] == (5, 7)
+
+
 def test_a_seed_for_some_cells_only_is_an_error():
     env = SpermSwarmVector(2)
     env.reset(seed=0)
@@ -319,7 +359,7 @@ def test_a_restart_that_fails_leaves_the_lives_as_they_were():
         def concentration(self, position):
             return np.where(self.broken & (position[..., 0] < 10), np.nan, position[..., 1])
 
-    env = SpermSwarmVector(2, field=Field(), life=0.1)
+    env = SpermSwarmVector(2, field=Field(), life=0.1, autoreset_mode="SameStep")
     env.reset(seed=0, options={"position": np.full((2, 2), 50.0)})
     env.world.field.broken = True
     state, seed = env.state(), env.arena.decision.copy()
@@ -333,7 +373,7 @@ def test_a_restart_that_fails_leaves_the_lives_as_they_were():
     ("wrong", "error", "message"),
     [
         ({"autoreset_mode": "samestep"}, ValueError, "autoreset_mode must be .* did you mean 'SameStep'"),
-        ({"n_record": 4}, ValueError, "parameter must be one of .* did you mean 'n_records'"),
+        ({"n_record": 4}, TypeError, "parameter must be one of .* did you mean 'n_records'"),
         ({"world": swarm.World(), "life": 3.0}, TypeError, r"must be given alone, got \['life'\] besides"),
         ({"world": "linear"}, TypeError, "world must be a World, got 'linear'"),
         ({"n_swimmers": 0}, ValueError, "n_swimmers must be"),

@@ -342,13 +342,75 @@ def test_nothing_is_possible_before_the_first_reset():
             call()
 
 
-def test_a_step_after_the_end_is_told():
+@pytest.mark.parametrize("actions", [{}, {"swimmer_0": 1}, {"swimmer_0": "whatever", "swimmer_1": None}])
+def test_a_step_after_the_end_returns_five_empty_dictionaries_and_changes_nothing(actions):
     env = parallel_env(2, max_cycles=1)
     env.reset(seed=0)
     env.step(constant(env))
-    with pytest.raises(RuntimeError, match="every swimmer has finished; call reset"):
-        env.step({})
-    assert env.state().shape == (2, 4)
+    before = snapshot(env)
+    assert env.step(actions) == ({}, {}, {}, {}, {})
+    with pytest.raises(ValueError, match="for swimmer_0 to swimmer_1, got one for 'swimmer_2'"):
+        env.step({"swimmer_2": 0})
+    assert snapshot(env) == before
+
+
+def test_an_agent_has_a_row_and_others_are_refused():
+    env = parallel_env(3)
+    env.reset(seed=0)
+    assert [env.agent_index(agent) for agent in env.possible_agents] == [0, 1, 2]
+    assert sperm_swarm_v0.env(3).agent_index("swimmer_2") == 2
+    for wrong in ("swimmer_3", "cell_0", 1):
+        with pytest.raises(ValueError, match="agent must be one of swimmer_0 to swimmer_2, got "):
+            env.agent_index(wrong)
+
+
+def test_the_generator_for_wrappers_follows_the_seed_and_decides_nothing():
+    env, plain = parallel_env(2), parallel_env(2)
+    assert env.np_random.random() != plain.np_random.random()
+    for each in (env, plain):
+        each.reset(seed=3)
+    drawn = env.np_random.random()
+    assert drawn == plain.np_random.random()
+    env.reset()  # without a seed it goes on
+    assert env.np_random.random() != drawn
+    plain.reset()
+    np.testing.assert_array_equal(env.state(), plain.state())
+    env.reset(seed=3)
+    assert env.np_random.random() == drawn
+
+
+# What MPE2 1.1.1 offers the users of an environment, the agents in turns, and its own physics and drawing.
+MPE2 = {
+    *("action_space", "action_spaces", "agents", "close", "max_cycles", "max_num_agents", "metadata"),
+    *("np_random", "num_agents", "observation_space", "observation_spaces", "possible_agents", "render"),
+    *("render_mode", "reset", "state", "state_space", "step", "steps", "unwrapped", "world"),
+}
+IN_TURNS = {"agent_iter", "agent_selection", "infos", "last", "observe", "rewards", "terminations"}
+IN_TURNS |= {"truncations"}
+ITS_OWN = {
+    *("advance_curriculum", "aec_env", "benchmark_data", "continuous_actions", "current_actions", "draw"),
+    *("curriculum_stage", "dynamic_rescaling", "enable_render", "game_font", "height", "local_ratio"),
+    *("max_size", "original_cam_range", "renderOn", "scenario", "screen", "set_curriculum_stage", "viewer"),
+    "width",
+}
+
+
+def attributes(env):
+    while env is not None:
+        yield from (name for name in dir(env) if not name.startswith("_") and name != "env")
+        env = vars(env).get("env", vars(env).get("aec_env"))
+
+
+@pytest.mark.parametrize("kind", ["parallel_env", "env", "raw_env"])
+def test_whatever_attribute_mpe2_offers_is_there_without_a_warning(kind):
+    env = getattr(sperm_swarm_v0, kind)(3)
+    env.reset(seed=0)
+    for name in MPE2 | (set() if kind == "parallel_env" else IN_TURNS):
+        assert hasattr(env, name), name
+    spread = pytest.importorskip("mpe2.simple_spread_v3")
+    theirs = getattr(spread, kind)()
+    theirs.reset(seed=0)
+    assert set(attributes(theirs)) <= MPE2 | IN_TURNS | ITS_OWN
 
 
 @pytest.mark.parametrize(
@@ -392,7 +454,7 @@ class Field:
 
 
 def snapshot_of_lambdas(env):
-    return pickle.dumps((env.agents, env.state(), env.arena.state, env.arena.episode, env.arena.seed))
+    return pickle.dumps((env.agents, env.state(), env.arena.state, env.arena.episode, env.arena.seeds))
 
 
 def test_a_field_that_gives_nan_names_the_cell_and_changes_nothing():

@@ -39,7 +39,7 @@ def square_of(image):
 
 def pixel(env, place):
     """Column and row of a complex place."""
-    return env._viewer.camera.pixels(np.array(place)).round().astype(int)
+    return env._watch().camera.pixels(np.array(place)).round().astype(int)
 
 
 @pytest.mark.parametrize("name", WORLDS)
@@ -69,15 +69,17 @@ def test_without_a_render_mode_a_warning_says_how_to_get_a_picture():
         assert env.render() is None
 
 
-def test_the_gymnasium_face_renders_all_its_cells_in_one_picture():
+def test_the_gymnasium_face_gives_every_cell_the_picture_of_the_world_that_they_share():
     env = SpermSwarmVector(3, render_mode="rgb_array", life=0.5)
     env.reset(seed=0)
     before = env.render()
     for _ in range(3):  # lives end and begin
         env.step(np.ones(3, int))
-    (image,) = env.render()
-    assert image.shape == (720, 960, 3)
-    assert not np.array_equal(image, before[0])
+    images = env.render()
+    assert len(images) == 3
+    assert images[0].shape == (720, 960, 3)
+    assert images[0] is images[1] is images[2]
+    assert not np.array_equal(images[0], before[0])
 
 
 @needs_pygame
@@ -168,7 +170,7 @@ def test_water_beyond_the_known_is_dark():
 def test_the_camera_keeps_all_living_swimmers_in_view():
     env = begun(steps=0, n_swimmers=30, start_box=((0, 40), (0, 2)))
     for _ in range(30):
-        pixels = env._viewer.camera.pixels(env.state()[:, :2] @ [1, 1j])
+        pixels = env._watch().camera.pixels(env.state()[:, :2] @ [1, 1j])
         assert ((pixels > 0) & (pixels < SIZE)).all()
         env.step(dict.fromkeys(env.agents, 1))
 
@@ -178,7 +180,7 @@ def test_a_trail_shows_where_the_swimmer_came_from_and_fades():
     for decision in range(TRAIL):  # circles that drift
         env.step({"swimmer_0": decision // 2 % 2})
     image, warmth = square_of(env.render()), []
-    for segment in env._viewer.trail:
+    for segment in env._watch().trail:
         column, row = pixel(env, segment.start[0])
         near = image[row - 1 : row + 2, column - 1 : column + 2, 0]
         warmth.append(near.max() - image[row, 700, 0])  # the trail is warm, the water is not
@@ -192,10 +194,10 @@ def test_a_new_life_leaves_its_trail_behind():
     for _ in range(4):
         env.step(np.ones(2, int))
     env.reset(options={"reset_mask": np.array([True, False])})
-    assert [segment.seen.tolist() for segment in env._viewer.trail] == [[False, True]] * 4 + [[False] * 2]
-    assert np.isnan(env._viewer.trail[0].places(np.ones(1))[0]).all()
+    assert [segment.seen.tolist() for segment in env._watch().trail] == [[False, True]] * 4 + [[False] * 2]
+    assert np.isnan(env._watch().trail[0].places(np.ones(1))[0]).all()
     env.reset()
-    assert not env._viewer.trail
+    assert not env._watch().trail
 
 
 @pytest.mark.parametrize("turn", [1.9, 3.9, -0.3, 6.2, 0.0, 1e-6])
@@ -212,7 +214,7 @@ def test_trails_follow_the_arcs_that_were_swum(turn):
 @pytest.mark.parametrize("name", ["linear", "taylor_green", "float32 and noise"])
 def test_pictures_between_two_states_lead_from_one_to_the_other(name):
     env = begun(steps=2, n_swimmers=1, **WORLDS[name])
-    viewer = env._viewer
+    viewer = env._watch()
     end = viewer.trail[-1].places(np.ones(1))[0]
     np.testing.assert_allclose(end, env.state()[0, :2] @ [1, 1j], atol=1e-6)
     first, middle, last = (viewer.picture(share) for share in (0.05, 0.5, 1.0))
