@@ -281,13 +281,12 @@ class Watched:
         check_installed("labelled grids need", "xarray", extra="results")
         import xarray as xr
 
-        medium = self.world.medium
-        if medium is None:
+        if (medium := self.world.medium) is None:
             raise no_medium()
         if not self.arena.seeds:
             raise RuntimeError("reset must be called first")
         held = self.arena.state.medium
-        x, y = (np.asarray(axis) for axis in medium.mesh.coordinates(held.origin))
+        x, y = map(np.asarray, medium.mesh.coordinates(held.origin))
         labels = {"units": "concentration", "long_name": "whole field" if medium.carried else "deviation"}
         return xr.DataArray(held.grid.copy(), {"x": x, "y": y}, ("x", "y"), "medium", labels)
 

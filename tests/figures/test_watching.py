@@ -69,9 +69,7 @@ def test_only_films_have_a_size(tmp_path, out):
 
 def test_a_video_without_its_encoder_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(
-        ModuleNotFoundError, match=r"other than .gif needs .*: pip install 'chemoswarm\[video\]'"
-    ):
+    with pytest.raises(ModuleNotFoundError, match=r"than .gif needs .*: pip install 'chemoswarm\[video\]'"):
         check_target(tmp_path / "swim.mp4")
     check_target(tmp_path / "swim.gif")
 
