@@ -107,8 +107,14 @@ $(STAMP): pyproject.toml constraints.txt
 	  mkdir .venv && touch .venv/.installing && "$$base" -m venv .venv || exit 1; \
 	fi; \
 	touch .venv/.installing; rm -f $(STAMP); \
-	echo "Installing the tested versions into .venv; the first time this takes some minutes"; \
+	echo "Installing the tested versions into .venv, the first time in about 2 minutes; pip's own words: .venv/install.log"; \
+	: > .venv/install.log; \
+	( t=0; while sleep 10 >/dev/null 2>&1 && kill -0 $$$$ 2>/dev/null; do t=$$((t + 10)); \
+	  of=' of about 120'; [ $$t -lt 120 ] || of=''; \
+	  echo "  $$t s$$of: $$(grep -v WARNING .venv/install.log | tail -n 1 | cut -c 1-60)"; done ) 9>&- & told=$$!; \
+	trap 'kill $$told 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
 	PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt \
-	  $(RUN)/python -m pip install -qq --editable '.[train,dev,docs]' || exit 1; \
+	  $(RUN)/python -m pip install --progress-bar off --editable '.[train,dev,docs]' > .venv/install.log 2>&1 \
+	  || { tail -n 20 .venv/install.log >&2; exit 1; }; \
 	printf '%s\n' "$(CURDIR)" > $(STAMP); rm .venv/.installing; \
 	echo "Installed: try .venv/bin/swarm --help"

@@ -51,6 +51,11 @@ def _run() -> None:
 
     try:
         app()
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # nobody reads on: to end as other commands then do
+            signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+            os.kill(os.getpid(), signal.SIGPIPE)
+        raise
     finally:
         for stream in (sys.stdout, sys.stderr):
             try:

@@ -97,7 +97,7 @@ class Registry(Mapping[str, type]):
         name = given.pop(TYPE)
         if not isinstance(name, str) or name not in self:
             check_name(self.thing, name, self)
-        known = self._parameters(name)
+        known = self.parameters_of(name)
         for key in given:
             check_name(f"parameter of {self.thing} {name!r}", key, known)
         missing = [key for key, each in known.items() if each.default is each.empty and key not in given]
@@ -118,14 +118,14 @@ class Registry(Mapping[str, type]):
         if name is None:
             return None
         told = getattr(part, "parameters", None)
-        known = self._parameters(name)
+        known = self.parameters_of(name)
         values = told() if callable(told) else {key: getattr(part, key, ...) for key in known}
         try:  # pairs become lists
             return {TYPE: name, **json.loads(json.dumps(values, allow_nan=False))}
         except (TypeError, ValueError):
             return None
 
-    def _parameters(self, name: str) -> dict[str, inspect.Parameter]:
+    def parameters_of(self, name: str) -> dict[str, inspect.Parameter]:
         """The constructor's parameters by what descriptions call them."""
         renamed, given = self._renamed[name], inspect.signature(self[name]).parameters.values()
         named = [each for each in given if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -12,6 +13,21 @@ import numpy as np
 
 NOTHING = "–"  # where there is no number
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # what spreadsheets take for one
+
+SYMBOLS = {  # of the field, as text: as mathematics
+    "N_T": "N_T",
+    "t_life": r"t_\mathrm{life}",
+    "Δt": r"\Delta t",
+    "κ": r"\kappa",
+    "γ": r"\gamma",
+    "α": r"\alpha",
+    "ε": r"\varepsilon",
+    "±": r"\pm",
+    "∞": r"\infty",
+}
+_SYMBOL = re.compile(rf"(?<!\w)({'|'.join(SYMBOLS)})(?!\w)")
+_SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+_SPECIAL |= {each: "\\" + each for each in "&%$#_{}"} | {"…": r"\dots{}", "–": "--"}
 
 
 @dataclass(frozen=True)
@@ -50,10 +66,21 @@ class Table:
             writer.writerows([_stored(value, digits) for value in row] for row in self.rows)
         return buffer.getvalue()
 
-    def as_markdown(self) -> str:
-        """The first column to the left as text, the others to the right as numbers."""
-        rule = [":--", *["--:"] * (len(self.headings) - 1)]
-        return "".join(f"| {' | '.join(line)} |\n" for line in (self.headings, rule, *self.texts))
+    def as_markdown(self, texts: int = 1) -> str:
+        """The first columns, `texts` of them, to the left as text, the others to the right as numbers."""
+        rule = [*[":--"] * texts, *["--:"] * (len(self.headings) - texts)]
+        lines = ([each.replace("|", r"\|") for each in line] for line in (self.headings, rule, *self.texts))
+        return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+    def as_latex(self) -> str:
+        """A tabular with the rules of the package booktabs, the first column left, the others right."""
+        lines = [
+            " & ".join(with_symbols(each, _escaped) for each in line) + r" \\"
+            for line in (self.headings, *self.texts)
+        ]
+        columns = "l" + "r" * (len(self.headings) - 1)
+        parts = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", lines[0], r"\midrule", *lines[1:]]
+        return "\n".join([*parts, r"\bottomrule", r"\end{tabular}", ""])
 
 
 def _stored(value: Any, digits: int | None) -> Any:
@@ -65,6 +92,18 @@ def _stored(value: Any, digits: int | None) -> Any:
     if value is None or value != value:  # not a number
         return ""
     return f"{value:.{digits}g}" if digits and isinstance(value, float) else value
+
+
+def with_symbols(text: str, plain: Callable[[str], str]) -> str:
+    """Text whose symbols are set as mathematics, between dollars; `plain` sets what is between them."""
+    parts = _SYMBOL.split(text)
+    return "".join(f"${SYMBOLS[part]}$" if i % 2 else plain(part) for i, part in enumerate(parts))
+
+
+def _escaped(text: str) -> str:
+    """Text as LaTeX shows it literally, with minus signs before numbers."""
+    shown = "".join(_SPECIAL.get(letter, letter) for letter in text)
+    return re.sub(r"(?<!\S)-(?=\d)", "$-$", shown)
 
 
 def _is_number(text: str) -> bool:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, TextIO
+from typing import Any, ClassVar, Self, TextIO
 
 from rich import progress
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-QUIET = 30.0  # [s] between lines where there is no terminal
+SOON = 0.02  # of the work, before which nothing is said of the time left
+FIRST, QUIET = 5.0, 10.0  # [s] until the first line, and between lines, where there is no terminal
 
 
 class Told:
@@ -69,38 +72,160 @@ def dispensable(figure: str | os.PathLike) -> Iterator[None]:
 
 
 class Progress(progress.Progress):
-    """The progress of one piece of work, on stderr: a bar on a terminal, else a line now and then.
+    """The progress of one piece of work, with the time left, on stderr: a bar on a terminal, else a line at
+    `FIRST` and every `QUIET` seconds, however rarely the work says how far it is.
 
-    To be used in a `with` statement. Work does not end because nobody can read how far it is.
+    To be used in a `with` statement; one within another shows in its place meanwhile. Work does not end
+    because nobody can read how far it is.
     """
 
+    _shown: ClassVar[list[Progress]] = []
+
     def __init__(self, title: str, total: float | None = None, done: float = 0.0) -> None:
-        named, text = (
-            progress.TextColumn(f"{{task.{each}}}", markup=False) for each in ("description", "fields[text]")
+        named, text, left = (
+            progress.TextColumn(f"{{task.{each}}}", markup=False)
+            for each in ("description", "fields[text]", "fields[clock].left")
         )
-        columns = named, progress.BarColumn(), text, progress.TimeRemainingColumn()
         console = Console(file=Told(sys.stderr))  # type: ignore[arg-type]
+        columns = named, progress.BarColumn(), text, left
         super().__init__(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self.work = self.add_task(title, total=total, completed=done, text="")  # type: ignore[arg-type]
-        self.title, self.said = title, time.monotonic()
+        self.title, self.text, self.clock = title, "", Clock(total, done)
+        self.work = self.add_task(title, total=total, completed=done, text="", clock=self.clock)  # type: ignore[arg-type]
+        self._over = threading.Event()
+
+    def __enter__(self) -> Self:
+        if self._shown and not self.disable:
+            self._shown[-1].stop()
+        self._shown.append(self)
+        if self.disable:
+            threading.Thread(target=self._tell, daemon=True).start()
+        return super().__enter__()
+
+    def __exit__(self, *error: Any) -> None:
+        self._over.set()
+        super().__exit__(*error)
+        self._shown.remove(self)
+        if self._shown:
+            self._shown[-1].start()
 
     def show(self, done: float, total: float | None = None, text: str = "") -> None:
         """So much of `total`, or of the total it began with, is done."""
+        self.clock.set(done, total)
+        self.text = text
         self.update(self.work, completed=done, total=total, text=text)
-        if self.disable and time.monotonic() - self.said >= QUIET:
-            self.say(f"{self.title} {text or f'{done:g}'}")
 
     def say(self, line: str) -> None:
         """Print a line that stays."""
-        self.said = time.monotonic()
         self.console.print(Text(line), soft_wrap=True)
+
+    def _tell(self) -> None:
+        """A line now and then, but for what another shows meanwhile."""
+        pause = FIRST
+        while not self._over.wait(pause):
+            pause = QUIET
+            if self._shown[-1] is self:
+                part = "" if self.clock.part is None else f"{self.clock.part:.0%}"
+                far = " ".join(filter(None, (self.title, self.text, part)))
+                self.say(", ".join(filter(None, (far, self.clock.spent, self.clock.left))))
+
+
+class Clock:
+    """How long work has taken, and how long it will if it goes on as until now."""
+
+    def __init__(self, total: float | None, done: float) -> None:
+        self.total, self.done, self.first = total, done, done
+        self.began = self.changed = time.monotonic()
+
+    def set(self, done: float, total: float | None) -> None:
+        """So much is done now."""
+        self.total = self.total if total is None else total
+        self.done, self.changed = done, time.monotonic()
+
+    @property
+    def part(self) -> float | None:
+        """The part of it that is done, where it is known."""
+        return self.done / self.total if self.total else None
+
+    @property
+    def spent(self) -> str:
+        """The time it has taken."""
+        return duration(time.monotonic() - self.began)
+
+    @property
+    def left(self) -> str:
+        """The time that is left; nothing is said where nothing can be told yet."""
+        new = self.done - self.first
+        if self.total is None or new <= 0 or new < SOON * (self.total - self.first):
+            return ""
+        each = (self.changed - self.began) / new
+        return f"about {duration(each * max(self.total - self.done, 0.0))} left"
+
+
+def duration(seconds: float) -> str:
+    """A time in words: 8 s, 3 min, 2 h 5 min."""
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min"
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print rows under their headings."""
-    shown = Table(box=None, pad_edge=False)
-    for place, heading in enumerate(headings):
-        shown.add_column(Text(heading), justify="right" if place else "left", no_wrap=True)
-    for row in rows:
-        shown.add_row(*map(Text, row))
-    Console(width=max(Console().width, 100)).print(shown)
+    """Print rows under their headings, as wide as the terminal, or 80 columns where there is none.
+
+    Nothing is cut: headings and words in the cells go on in the next line, numbers stay whole, and columns
+    for which there is no room follow in tables of their own, each of which begins with the first column.
+    """
+    console = Console()
+    columns = [[heading, *(row[place] for row in rows)] for place, heading in enumerate(headings)]
+    least = [_narrowest(column) for column in columns]
+    least = [
+        min(each, console.width // 3 if place == 0 else console.width // 2)
+        for place, each in enumerate(least)
+    ]
+    for number, places in enumerate(_parts(least, console.width)):
+        gap = 2 if sum(least[each] + 2 for each in places) - 2 <= console.width else 1
+        shown = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False)
+        room = console.width - gap * (len(places) - 1)
+        widths = _widths([columns[each] for each in places], [least[each] for each in places], room)
+        for place, width in zip(places, widths, strict=True):
+            side: Any = "left" if not place or _is_text(columns[place][1:]) else "right"
+            shown.add_column(Text(headings[place]), justify=side, width=width, overflow="fold")
+        for row in rows:
+            shown.add_row(*(Text(row[place]) for place in places))
+        if number:
+            console.print()
+        console.print(shown)
+
+
+def _is_text(cells: Sequence[str]) -> bool:
+    """Whether lines may break within the cells: there are words in them."""
+    return any(" " in cell and any(map(str.isalpha, cell)) for cell in cells)
+
+
+def _narrowest(column: Sequence[str]) -> int:
+    """The width of a column whose heading, and whose cells where they are text, break at every space."""
+    heading, *cells = column
+    pieces = [word for cell in cells for word in cell.split()] if _is_text(cells) else cells
+    return max(map(cell_len, [*heading.split(), *pieces]), default=1)
+
+
+def _parts(least: Sequence[int], room: int) -> Iterator[list[int]]:
+    """Which columns stand side by side: the first, and as many of the others as there is room for."""
+    part, used = [0], least[0]
+    for place, width in enumerate(least[1:], start=1):
+        if used + 1 + width > room and len(part) > 1:
+            yield part
+            part, used = [0], least[0]
+        part.append(place)
+        used += 1 + width
+    yield part
+
+
+def _widths(columns: Sequence[Sequence[str]], least: Sequence[int], room: int) -> list[int]:
+    """The columns' widths: what there is room for beyond the least goes to those that lack most."""
+    widths, wanted = list(least), [max(map(cell_len, column)) for column in columns]
+    for _ in range(room - sum(least)):
+        lacking = [want - width for want, width in zip(wanted, widths, strict=True)]
+        if max(lacking) > 0:
+            widths[lacking.index(max(lacking))] += 1
+    return widths

@@ -10,7 +10,7 @@ import io
 import os
 import random
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 from unittest import mock
@@ -60,9 +60,9 @@ class _Skipped(Exception):
     """Says why a check is not possible here."""
 
 
-def run_checks() -> list[Check]:
-    """Run all checks; what a missing library makes impossible is skipped."""
-    return [run_check(name, check) for name, check in checks().items()]
+def run_checks() -> Iterator[Check]:
+    """Run all checks, one by one; what a missing library makes impossible is skipped."""
+    return (run_check(name, check) for name, check in checks().items())
 
 
 def checks() -> dict[str, Callable[[], object]]:

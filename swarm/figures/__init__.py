@@ -4,19 +4,9 @@ Every function of a figure takes results and returns a matplotlib Figure; `save`
 """
 
 import swarm.figures.backend  # noqa: F401, first of all that loads Matplotlib
-from swarm.figures.life import comparison, path_of
-from swarm.figures.populations import (
-    Curve,
-    Sweep,
-    centrelines,
-    centrelines_and_gains,
-    gains,
-    groups,
-    noise_sweep,
-    radial,
-    sweeps,
-    training,
-)
+from swarm.figures.plots.life import comparison, path_of
+from swarm.figures.plots.populations import centrelines, centrelines_and_gains, gains, radial
+from swarm.figures.plots.trends import Curve, Sweep, groups, noise_sweep, sweeps, training
 from swarm.figures.style import plain, save
 
 __all__ = [

@@ -14,7 +14,7 @@ from swarm._support.terminal import dispensable
 from swarm.population import contests
 from swarm.population.evaluation import Evaluation
 from swarm.population.noise import KINDS, NoiseSweep, records
-from swarm.population.results import RIVAL, pooled, save_population
+from swarm.population.results import pooled, save_population
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,11 +27,10 @@ def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
     Raises FileExistsError where `out` is something else than a new or an empty folder.
     """
     results, world = pooled(found.results), found.world
-    contenders = list(dict.fromkeys([found.label, RIVAL]))
     text = json.dumps(found.summary, indent=2, allow_nan=False, ensure_ascii=False)
     drawn: dict[str, Callable[[], Any]] = {
-        "gains": lambda: figures.gains(results, policies=contenders),
-        "centerlines": lambda: figures.centrelines(results, world, policies=contenders, cells=40),
+        "gains": lambda: figures.gains(results),
+        "centerlines": lambda: figures.centrelines(results, world, cells=40),
         "comparison": lambda: figures.comparison(results, world),
     }
     if world.egg is not None:

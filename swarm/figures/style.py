@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, Normalize, to_hex, to_rgb
+from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
@@ -24,13 +24,13 @@ from matplotlib.patches import Circle
 from swarm._support import files
 from swarm.physics.motion.domain import inside_all
 from swarm.physics.world import World
-from swarm.population.results import RIVAL
 
 if TYPE_CHECKING:
     import xarray as xr
 
 WIDTH = 7.0  # of a page [inch]
 INK = "#222222"
+LIMIT = "limit of the mean"  # over many cells: a single one may gain more
 RC: dict[str, Any] = {
     **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 9),
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 8),
@@ -74,7 +74,18 @@ LOOKS = {
     "arrival": Look("reward arrival", "#CC79A7", (0, (5, 1, 1, 1)), "H"),
     "learnt": Look("learnt", "#0072B2", "-", "8"),
 }
-SPARE = ("#56B4E9", "#CC79A7", "#E69F00", "#999999")
+SPARE = ("#56B4E9", "#CC79A7", "#E69F00", "#4B0082")
+ON_DARK = {  # the same colours for dark water, as far apart for every eye
+    "#0072B2": "#5AB4FF",
+    "#E69F00": "#FFD24A",
+    "#D55E00": "#FF8A4C",
+    "#009E73": "#2FD6A1",
+    "#777777": "#8B939C",
+    "#222222": "#FFFFFF",
+    "#CC79A7": "#FF8AD0",
+    "#56B4E9": "#B5E3FF",
+    "#4B0082": "#9D7BFF",
+}
 DARK_IS_HIGH = LinearSegmentedColormap.from_list("dark is high", ["#ffffff", "#8f9aa5"])
 BRIGHT_IS_FAST = LinearSegmentedColormap.from_list("bright is fast", ["#8f9aa5", "#ffffff"])
 
@@ -125,6 +136,18 @@ def look(policy: str) -> Look:
     return Look(plain(policy), SPARE[spare], "-", "dXp*"[spare])
 
 
+def looks(policies: Sequence[str]) -> dict[str, Look]:
+    """How the policies of one figure look: as everywhere, unless colour, or line and marker, are taken."""
+    named = sorted(policies, key=lambda name: name not in LOOKS)
+    found: dict[str, Look] = {}
+    for name, colour in zip(named, team_colours(named), strict=True):
+        usual, taken = look(name), [(each.line, each.marker) for each in found.values()]
+        spare = [each for each in LOOKS.values() if (each.line, each.marker) not in taken]
+        shape = usual if (usual.line, usual.marker) not in taken or not spare else spare[-1]
+        found[name] = usual._replace(colour=colour, line=shape.line, marker=shape.marker)
+    return {name: found[name] for name in policies}
+
+
 def team_colours(names: Sequence[str]) -> list[str]:
     """How the policies of one world are coloured: each its look's colour, or another where that is taken."""
     found: list[str] = []
@@ -136,20 +159,14 @@ def team_colours(names: Sequence[str]) -> list[str]:
 
 
 def on_dark(colour: str) -> str:
-    """The colour, made lighter until it can be seen on dark water."""
-    rgb = np.array(to_rgb(colour))
-    luminance = float(rgb @ (0.2126, 0.7152, 0.0722))
-    red, green, blue = rgb + (1 - rgb) * max(0.0, (0.5 - luminance) / (1 - luminance))
-    return to_hex((red, green, blue))
+    """The colour as it is on dark water."""
+    return ON_DARK.get(colour, colour)
 
 
 def chosen_policies(results: xr.Dataset, policies: Sequence[str] | None = None) -> list[str]:
-    """The `policies`, unless they are given the first of the results and greedy.
-
-    Raises ValueError for one that is not in the results.
-    """
+    """The `policies`, unless they are given all of the results; ValueError for one that is not in them."""
     known = [str(name) for name in results["policy"].values]
-    chosen = list(policies or dict.fromkeys([known[0], RIVAL]))
+    chosen = list(policies or known)
     for name in chosen:
         if name not in known:
             raise ValueError(f"policies must be among {', '.join(known)}, got {name!r}")
@@ -232,9 +249,9 @@ def lettered(axes: Sequence[Axes]) -> None:
         one.set_title(f"({letter})  {one.get_title(loc='left')}".rstrip(), loc="left")
 
 
-def legend(axes: Axes, policies: Sequence[str], **kwargs: Any) -> None:
-    handles = [Line2D([], [], color=look(name).colour, linestyle=look(name).line) for name in policies]
-    axes.legend(handles, [look(name).label for name in policies], **kwargs)
+def legend(axes: Axes, shown: Mapping[str, Look], **kwargs: Any) -> None:
+    handles = [Line2D([], [], color=each.colour, linestyle=each.line) for each in shown.values()]
+    axes.legend(handles, [each.label for each in shown.values()], **kwargs)
 
 
 def legend_above(figure: Figure, axes: Axes, most: int | None = None) -> None:

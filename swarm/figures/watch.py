@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -59,14 +59,14 @@ def watch(
     seed: int = 0,
     out: Path | None = None,
     size: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[float, float], None] | None = None,
 ) -> None:
     """Show a policy in a window, or write a film (.mp4, .gif) or a page (.html), whole or not at all.
 
     `against` another the policy steers a `share` of the cells, by default half, in a race to the egg as in
     `swarm.population.evaluation.compete`. `size` is the height of a film in pixels. `progress` is called with
-    the decisions that are done and the most there can be. Raises PolicyError for a policy that cannot be had,
-    ValueError for a `share` without a rival, OSError where there is no display for a window.
+    what is done and the most there can be, of a film in decisions. Raises PolicyError for a policy that
+    cannot be had, ValueError for a `share` without a rival, OSError where there is no display for a window.
     """
     check_target(out, size)
     if share is not None and against is None:
@@ -79,7 +79,7 @@ def watch(
         world, player = crowd_of(world, players, shares, cells=cells)
         title, teams = f"{policy} against {against}", Teams(player.names, player.steered_by)
     if out is not None and out.suffix.lower() == PAGE:
-        lived = _lived(world, title, player, cells, seed, teams)
+        lived = _lived(world, title, player, cells, seed, teams, progress)
         save_page(lived, out, title=title if teams else policy, teams=teams, world=world)
         return
     viewer = Viewer(world, window=out is None, fps=WINDOW_FPS, teams=teams)
@@ -92,7 +92,7 @@ def _show(
     moments: Iterable[Moment],
     out: Path | None,
     size: int | None,
-    progress: Callable[[int, int], None] | None,
+    progress: Callable[[float, float], None] | None,
 ) -> None:
     """Lives in a window, or in the film `out`."""
     suffix = "" if out is None else out.suffix.lower()
@@ -111,14 +111,22 @@ def _show(
 
 
 def _lived(
-    world: World, label: str, player: AnyPolicy, cells: int, seed: int, teams: Teams | None
+    world: World,
+    label: str,
+    player: AnyPolicy,
+    cells: int,
+    seed: int,
+    teams: Teams | None,
+    progress: Callable[[float, float], None] | None,
 ) -> xr.Dataset:
     """The lives that a page shows: of a policy beside greedy, or of several in one world."""
+    tell: dict[str, Any] = {} if progress is None else {"progress": lambda part: progress(part, 1.0)}
     if teams is None:
+        sizes: dict[str, Any] = {"cells": cells, "life": world.life, "seed": seed}
         quick = not world.in_flow  # the limit in a flow takes a minute or more
-        return population_test(world, {label: player}, cells=cells, life=world.life, seed=seed, limit=quick)
+        return population_test(world, {label: player}, **sizes, limit=quick, **tell)
     starts = draw_starts(world, cells, seed)
-    lived = lives(world, player, starts, seed, name=label, population="test", record=True)
+    lived = lives(world, player, starts, seed, name=label, population="test", record=True, **tell)
     return as_dataset(starts, {label: lived}, {})
 
 
@@ -134,7 +142,7 @@ def save_page_of(population: Path, out: Path | None, *, cells: int | None = None
 
 
 def _followed(
-    viewer: Viewer, lived: Iterable[Moment], frames: int, progress: Callable[[int, int], None] | None
+    viewer: Viewer, lived: Iterable[Moment], frames: int, progress: Callable[[float, float], None] | None
 ) -> Iterator[np.ndarray]:
     """Pictures of the lives, `frames` for each decision; none where a window shows them."""
     for done, moment in enumerate(lived):

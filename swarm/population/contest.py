@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +36,7 @@ def population_test(
     limit: bool = True,
     population: streams.Population = "test",
     episode: int = 0,
+    progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Lives of `cells` cells in each of `worlds` worlds under each policy, all from the same starts and with
     the same random numbers.
@@ -45,7 +47,8 @@ def population_test(
     up to 48 times. With several worlds, those of one episode after the other, they are per (policy, world,
     cell). Attributes: seed, life, settings of the world (JSON), versions, commit, `coupled` (1) where what
     one cell does can matter to another, and the limit where there is one and `limit` is asked for. "greedy"
-    is added where it is missing. Raises ValueError for a field or flow that returns NaN.
+    is added where it is missing. `progress` is called with the part of all decisions that is over. Raises
+    ValueError for a field or flow that returns NaN.
     """
     policies = _with_rival(policies)
     check_count("cells", cells)
@@ -59,12 +62,18 @@ def population_test(
     everyone = type(starts)(*(part.reshape(-1, *part.shape[2:]) for part in starts))
     starts = starts if worlds > 1 else everyone
     drawn: dict[str, Any] = {"population": population, "episode": episode}
-    lived = {
-        name: lives(world, policy, starts, seed, name=name, record=record, **drawn)
-        for name, policy in policies.items()
-    }
+    lived = {}
+    for number, (name, policy) in enumerate(policies.items()):
+        if progress is not None:
+            drawn["progress"] = functools.partial(_tell, progress, number, len(policies))
+        lived[name] = lives(world, policy, starts, seed, name=name, record=record, **drawn)
     bound = physical_limit.limit(world, everyone) if limit else None
     return as_dataset(starts, lived, _attributes(world, seed, population, bound))
+
+
+def _tell(progress: Callable[[float], None], before: int, policies: int, part: float) -> None:
+    """Progress of one policy's lives as progress of all."""
+    progress((before + part) / policies)
 
 
 def _attributes(world: World, seed: int, population: str, bound: float | None) -> dict[str, Any]:
@@ -108,6 +117,7 @@ def lives(
     population: streams.Population,
     episode: int = 0,
     record: bool = False,
+    progress: Callable[[float], None] | None = None,
 ) -> dict[str, np.ndarray]:
     """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...);
     with several worlds (worlds, cells) stands for (cells); frames (frames, ...) of a medium.
@@ -117,7 +127,10 @@ def lives(
     arrived = np.zeros(cells, bool)
     decisions = np.zeros(cells, np.int32)
     gain = maximal = np.zeros(cells)
-    for moment in rollout(world, policy, starts, seed, population=population, episode=episode):
+    lived = rollout(world, policy, starts, seed, population=population, episode=episode)
+    for done, moment in enumerate(lived):
+        if progress is not None:
+            progress(done / world.max_decisions)
         if record:
             recorded.append(_series(world, moment))
         if frames is not None:
@@ -134,7 +147,8 @@ def lives(
             "check what the field and the flow return"
         )
     values = [gain, maximal, arrived, world.time(moment.state), decisions]
-    if world.race is not None:
+    if world.race is not None:  # which also ends the lives of those that did not arrive
+        values[list(LIVES).index("arrived")] = np.isfinite(moment.state.arrival_time)
         values += [moment.state.arrival_time, world.won(moment.state)]
     names = recorded[0] if recorded else ()
     series = {name: np.stack([row[name] for row in recorded], axis=len(cells)) for name in names}

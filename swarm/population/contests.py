@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -45,6 +45,7 @@ def contest(
     cells: int = 40,
     worlds: int = 40,
     seed: int = 0,
+    progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Races of several policies in the same `worlds`, each policy steering its share of the `cells`.
 
@@ -54,7 +55,8 @@ def contest(
 
     Per policy: `won`, its share of all wins; `won_interval` (policy, bound), 95%, over turns; `crowd`, its
     share of the cells. Per (world, cell): `steered_by`, the policy's number; `winner`, `arrival_time`
-    (infinite for who never came), `gain` and in a medium `eaten`. Per world: `turn`. Raises TypeError or
+    (infinite for who never came), `gain` and in a medium `eaten`. Per world: `turn`. `progress` is called
+    with the part of the longest life that is over. Raises TypeError or
     ValueError that names the rule: without a race, for shares that leave a policy without a cell, for worlds
     that are no whole turns, for a policy that does not fit the world or whose sensor the world cannot serve.
     """
@@ -71,7 +73,7 @@ def contest(
     check_memory(needed, f"cells × worlds must be fewer, got {cells} × {worlds}")
     steered_by = first.steered_by[(np.arange(cells) + np.arange(worlds)[:, None]) % cells]
     episodes = np.arange(worlds) // turn
-    ended = _race(together, dataclasses.replace(first, steered_by=steered_by), seed, episodes)
+    ended = _race(together, dataclasses.replace(first, steered_by=steered_by), seed, episodes, progress)
     return _dataset(world, list(policies), counts, steered_by, episodes, ended, seed)
 
 
@@ -232,11 +234,19 @@ def _views(world: World, policies: Mapping[str, AnyPolicy]) -> tuple[list[_View]
 # --- the race -----------------------------------------------------------------------------------------------
 
 
-def _race(world: World, crowd: Crowd, seed: int, episodes: np.ndarray) -> tuple[State, np.ndarray]:
+def _race(
+    world: World,
+    crowd: Crowd,
+    seed: int,
+    episodes: np.ndarray,
+    progress: Callable[[float], None] | None,
+) -> tuple[State, np.ndarray]:
     """The state (worlds, cells) at the end of all lives, and the gains."""
     starts = draw_worlds(world, crowd.steered_by.shape[1], seed, episodes.tolist())
-    for last in rollout(world, crowd, starts, seed, episode=episodes):
+    for done, last in enumerate(rollout(world, crowd, starts, seed, episode=episodes)):
         moment = last
+        if progress is not None:
+            progress(done / world.max_decisions)
     assert moment.outcome is not None
     gain = moment.outcome.gain
     if not np.all(np.isfinite(gain)):
@@ -294,6 +304,7 @@ def table(results: xr.Dataset) -> Table:
     order = np.argsort(-results["won"].values, kind="stable")
     for i in order.tolist():
         mine = results["steered_by"] == i
+        came = mine & np.isfinite(results["arrival_time"])
         low, high = results["won_interval"].values[i].tolist()
         share = float(results["won"][i])
         rows.append(
@@ -304,6 +315,9 @@ def table(results: xr.Dataset) -> Table:
                 None if np.isnan(low) else f"{percent(low)} … {percent(high)}",
                 int((results["winner"] & mine).sum()),
                 f"{float(results['gain'].where(mine).mean()):.2f}",
+                f"{int(came.sum())}/{int(mine.sum())}",
+                f"{float(results['arrival_time'].where(came).mean()):.1f}" if came.any() else None,
             ]
         )
-    return Table(["policy", "of the crowd", "of the wins", "95% interval", "wins", "gain"], rows)
+    headings = ["policy", "of the crowd", "of the wins", "95% interval", "wins", "gain"]
+    return Table([*headings, "arrived", "time to egg"], rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from swarm._support import files, provenance
@@ -19,7 +19,7 @@ from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
 from swarm.population.contests import contest, race_in
 from swarm.population.results import RIVAL, data_of, pooled
-from swarm.population.statistics import statistics
+from swarm.population.statistics import arrivals, statistics
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,6 +30,11 @@ STRATEGIES: dict[Any, Callable[[World], AnyPolicy]] = {
     "random": lambda world: Random(),
     "swinging": lambda world: Swinging(),
 }
+TO_THE_EGG = (
+    "arrived",
+    "time to egg",
+    "median",
+)  # headings; times are means and medians of those that arrived
 NUMBERS = ("mean", "std", "min", "max", "ci95", "fraction_of_limit")
 
 
@@ -94,19 +99,21 @@ def evaluate(
     life: float = 200.0,
     seed: int = 0,
     name: str | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Evaluation:
     """Tests a policy, greedy and swinging on the same starts, `cells` of them in each of `worlds` worlds.
 
-    `policy` is a name, a path or a policy itself; `name` is what the summary calls it. Raises PolicyError for
-    a policy that cannot be had.
+    `policy` is a name, a path or a policy itself; `name` is what the summary calls it; `progress` as in
+    `population_test`. Raises PolicyError for a policy that cannot be had.
     """
     world = world.replace(life=life)
     known, label, player = contender(policy, world, name)
     policies = {label: player, RIVAL: Greedy(), "swinging": Swinging()}
-    results = population_test(world, policies, cells=cells, worlds=worlds, life=life, seed=seed)
+    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
+    results = population_test(world, policies, **sizes, progress=progress)
     numbers = statistics(results)
     summary = summarise(results, numbers, label, policy=known, experiment=experiment)
-    return Evaluation(summary, results, table(results, numbers), world, label)
+    return Evaluation(summary, results, table(results, numbers, egg=world.egg is not None), world, label)
 
 
 def compete(
@@ -119,6 +126,7 @@ def compete(
     worlds: int = 40,
     life: float = 200.0,
     seed: int = 0,
+    progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """A [`contest`][swarm.population.contests.contest] of two policies by their names or paths, of which the
     first steers a `share` of the cells; where nobody races in the world, to the first arrival.
@@ -126,7 +134,7 @@ def compete(
     Raises PolicyError for a policy that cannot be had, and as `contest` does.
     """
     world, players, shares = rivals(policy, rival, world.replace(life=life), share)
-    return contest(world, players, shares, cells=cells, worlds=worlds, seed=seed)
+    return contest(world, players, shares, cells=cells, worlds=worlds, seed=seed, progress=progress)
 
 
 def rivals(
@@ -165,16 +173,23 @@ def summarise(
     if data := data_of(results):
         summary["data"] = data
     if results["arrived"].values.any():
-        summary["arrived"] = int(results["arrived"].sel(policy=label).sum())
+        came = arrivals(results)
+        for of_policy, name in ((summary, label), (summary["greedy"], RIVAL)):
+            of_policy["arrived"] = came[name]["arrived"]
+            times = {each: came[name][each] for each in ("mean", "median")} if came[name]["arrived"] else None
+            of_policy["time_to_egg"] = times
     return summary
 
 
-def table(results: xr.Dataset, numbers: dict[str, dict[str, Any]]) -> Table:
-    """A row per policy, in the order of their mean gains."""
-    headings = ["policy", "gain", "95% interval of the mean", "min", "max", "over greedy", "wins"]
-    headings += ["of the limit", "arrived"]
+def table(results: xr.Dataset, numbers: dict[str, dict[str, Any]], *, egg: bool = False) -> Table:
+    """A row per policy, in the order of their mean gains: gain ± standard deviation of the cells, interval of
+    the mean; where there is an `egg`, how many cells arrived, and the mean and median time they took.
+    """
+    bounded = any(row["fraction_of_limit"] is not None for row in numbers.values())
+    headings = ["policy", "gain", "95% interval", "min", "max", "over greedy", "wins"]
+    headings += [*(("of the limit",) if bounded else ()), *(TO_THE_EGG if egg else ())]
     results = pooled(results)
-    cells, arrived = results.sizes["cell"], results["arrived"].sum("cell")
+    cells, came = results.sizes["cell"], arrivals(results)
     rows: list[list[str | None]] = []
     for name in sorted(numbers, key=lambda each: -numbers[each]["mean"]):
         row, rival = numbers[name], name == RIVAL
@@ -187,9 +202,14 @@ def table(results: xr.Dataset, numbers: dict[str, dict[str, Any]]) -> Table:
                 f"{row['max']:.2f}",
                 None if rival else f"{row['difference_to_greedy']['mean']:+.2f}",
                 None if rival else f"{row['wins']}/{cells}",
-                percent(row["fraction_of_limit"]),
-                f"{int(arrived.sel(policy=name))}/{cells}",
+                *((percent(row["fraction_of_limit"]),) if bounded else ()),
+                *(to_the_egg(list(came[name].values()), cells) if egg else ()),
             ]
         )
-    columns = len(headings) if arrived.any() else -1
-    return Table(headings[:columns], [row[:columns] for row in rows])
+    return Table(headings, rows)
+
+
+def to_the_egg(came: Sequence[float], cells: int) -> list[str | None]:
+    """The cells of `TO_THE_EGG`: how many of so many arrived, mean and median time; NaN where none did."""
+    arrived, *times = came
+    return [f"{arrived:.0f}/{cells}", *(None if time != time else f"{time:.1f}" for time in times)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,9 +16,9 @@ from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy
 from swarm.policies.strategies import Greedy
 from swarm.population.contest import population_test
-from swarm.population.evaluation import contender
+from swarm.population.evaluation import TO_THE_EGG, contender, to_the_egg
 from swarm.population.results import RIVAL
-from swarm.population.statistics import statistics
+from swarm.population.statistics import arrivals, statistics
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -48,12 +48,17 @@ COLUMNS: dict[str, str] = {  # of the table: what each of them says
     "ahead_high": "upper end of the 95% interval of the mean difference to greedy",
     "wins": "cells that gain more than under greedy",
 }
+EGG: dict[str, str] = {  # further ones where there is an egg
+    "arrived": "cells that arrived at the egg",
+    "time_to_egg": "mean time of those that arrived",
+    "median_time_to_egg": "median time of those that arrived",
+}
 
 
 class NoiseSweep(NamedTuple):
     """What `sweep_noise` found."""
 
-    # What noise.nc holds: `COLUMNS` (noise, policy), cell_gain (noise, policy[, world], cell).
+    # What noise.nc holds: `COLUMNS`, and `EGG`, (noise, policy), cell_gain (noise, policy[, world], cell).
     results: xr.Dataset
     tests: list[xr.Dataset]  # the population test of each level, without time series
     table: Table  # a row per level and policy
@@ -109,22 +114,26 @@ def sweep_noise(
         tests.append(test)
         if progress is not None:
             progress(len(tests))
-    results = as_dataset(levels, tests, kind, contenders[0][0])
+    columns = COLUMNS if world.egg is None else COLUMNS | EGG
+    results = as_dataset(levels, tests, kind, contenders[0][0], columns)
     return NoiseSweep(results, tests, table(results))
 
 
-def as_dataset(levels: Sequence[float], tests: Sequence[xr.Dataset], kind: str, policy: str) -> xr.Dataset:
-    """Statistics by level and policy, with the gains and starts of all cells and where they come from."""
+def as_dataset(
+    levels: Sequence[float], tests: Sequence[xr.Dataset], kind: str, policy: str, columns: Mapping[str, str]
+) -> xr.Dataset:
+    """The `columns` by level and policy, with the gains and starts of all cells and where they come from."""
     import xarray as xr
 
-    perturbation, numbers = KINDS[kind], [statistics(test) for test in tests]
+    perturbation = KINDS[kind]
     about = {"long_name": perturbation.label, "units": perturbation.units}
     results = tests[0][["start_position", "start_heading", "past"]]
     results = results.assign_coords(noise=("noise", np.array(levels, np.float64), about))
     results["cell_gain"] = xr.concat([test["gain"] for test in tests], dim=results["noise"])
-    rows = [[_row(of_policy) for of_policy in of_level.values()] for of_level in numbers]
-    for column, text in COLUMNS.items():
-        units = {} if column == "wins" else {"units": "concentration"}
+    rows = [list(_rows(test)) for test in tests]
+    for column, text in columns.items():
+        units = {"units": "time"} if "time" in column else {"units": "concentration"}
+        units = {} if column in ("wins", "arrived") else units
         values = np.array([[row[column] for row in of_level] for of_level in rows])
         results[column] = (("noise", "policy"), values, {"long_name": text, **units})
     results.attrs |= {
@@ -135,19 +144,23 @@ def as_dataset(levels: Sequence[float], tests: Sequence[xr.Dataset], kind: str, 
     return results
 
 
-def _row(numbers: dict[str, Any]) -> dict[str, float]:
-    """The `COLUMNS` of one policy's statistics; NaN where there is no interval."""
-    ahead, nowhere = numbers["difference_to_greedy"], (np.nan, np.nan)
-    values = (
-        *(numbers["mean"], *(numbers["ci95"] or nowhere), numbers["std"]),
-        *(ahead["mean"], *(ahead["ci95"] or nowhere), numbers["wins"]),
-    )
-    return dict(zip(COLUMNS, values, strict=True))
+def _rows(test: xr.Dataset) -> Iterator[dict[str, float]]:
+    """The `COLUMNS` and `EGG` of each policy; NaN where there is no number."""
+    came, nowhere = arrivals(test), (np.nan, np.nan)
+    for name, numbers in statistics(test).items():
+        ahead = numbers["difference_to_greedy"]
+        values = (
+            *(numbers["mean"], *(numbers["ci95"] or nowhere), numbers["std"]),
+            *(ahead["mean"], *(ahead["ci95"] or nowhere), numbers["wins"]),
+            *came[name].values(),
+        )
+        yield dict(zip((*COLUMNS, *EGG), values, strict=True))
 
 
 def table(results: xr.Dataset) -> Table:
     """A row per level and policy."""
-    headings = ["noise", "policy", "gain", "95% interval of the mean", "over greedy", "its 95% interval"]
+    headings = ["noise", "policy", "gain", "95% interval", "over greedy", "its 95% interval"]
+    headings += ["wins", *(TO_THE_EGG if "arrived" in results else ())]
     rows, cells = [], results["start_heading"].size  # of all worlds
     for record in records(results):
         over: list[str | None] = [None] * 3
@@ -157,7 +170,9 @@ def table(results: xr.Dataset) -> Table:
         mean = f"{record['gain']:.2f} ± {record['std']:.2f}"
         interval = span((record["gain_low"], record["gain_high"]))
         rows.append([f"{record['noise']:g}", record["policy"], mean, interval, *over])
-    return Table([*headings, "wins"], rows)
+        if "arrived" in record:
+            rows[-1] += to_the_egg([record[column] for column in EGG], cells)
+    return Table(headings, rows)
 
 
 def records(results: xr.Dataset) -> list[dict[str, Any]]:
@@ -168,7 +183,11 @@ def records(results: xr.Dataset) -> list[dict[str, Any]]:
             "kind": results.attrs["kind"],
             "noise": level.item(),
             "policy": str(name),
-            **{column: results[column].sel(noise=level, policy=name).item() for column in COLUMNS},
+            **{
+                column: results[column].sel(noise=level, policy=name).item()
+                for column in COLUMNS | EGG
+                if column in results
+            },
             "cells": results.sizes["cell"],
             "worlds": results.sizes.get("world", 1),
             **origin,

@@ -54,6 +54,27 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     }
 
 
+def times_to_egg(results: xr.Dataset) -> xr.DataArray:
+    """The time (policy, [world,] cell) that each cell took to the egg, infinite where it never came."""
+    times = results["arrival_time" if "arrival_time" in results else "lifetime"].where(
+        results["arrived"], np.inf
+    )
+    return times.transpose("policy", ..., "cell")
+
+
+def arrivals(results: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Per policy: `arrived`, the number of cells that reached the egg, and of those the `mean` and the
+    `median` of the time it took; NaN where none did.
+    """
+    found, taken = {}, times_to_egg(results)
+    for name in results["policy"].values:
+        times = taken.sel(policy=name).values
+        times = times[np.isfinite(times)]
+        mean, median = (float(each(times)) if len(times) else np.nan for each in (np.mean, np.median))
+        found[str(name)] = {"arrived": len(times), "mean": mean, "median": median}
+    return found
+
+
 def independent(values: np.ndarray, coupled: bool) -> np.ndarray:
     """Of values (worlds, cells) those that are independent: the worlds' means, or each."""
     return values.mean(axis=-1) if coupled else values.reshape(-1)

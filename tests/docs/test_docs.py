@@ -6,6 +6,7 @@ has its `swarm` commands run between its Python blocks, shortened by the words i
 
 import inspect
 import re
+import runpy
 import shlex
 import textwrap
 import tomllib
@@ -222,3 +223,18 @@ def test_site_builds_without_a_warning(tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     build(load_config(str(ROOT / "mkdocs.yml"), strict=True, site_dir=str(tmp_path / "site")))
     assert (tmp_path / "site" / "api" / "index.html").stat().st_size > 100_000
+
+
+def test_cells_of_wide_tables_bear_their_headings_so_that_narrow_screens_can_stack_them():
+    pytest.importorskip("mkdocs")
+    import markdown
+
+    stacked = runpy.run_path(str(DOCS / "assets" / "tables.py"))["StackedTables"]
+    long = "a_name_that_is_longer_than_a_narrow_page_is_wide_and_goes_on"
+    text = f"| one | `two` |\n|---|--:|\n| x | `{long}` |\n\n| a | b |\n|---|--:|\n| 1 | 2 ± 1e-05 |\n"
+    extensions = ["tables", "pymdownx.inlinehilite", stacked()]
+    wide, narrow = markdown.markdown(text, extensions=extensions).split("</table>")[:2]
+    assert "data-wide" in wide
+    assert 'data-label="two"' in wide
+    assert "data-wide" not in narrow
+    assert "2\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}1e\N{NON-BREAKING HYPHEN}05" in narrow

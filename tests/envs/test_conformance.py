@@ -38,7 +38,7 @@ def test_a_missing_library_skips_its_checks_with_a_plain_reason(monkeypatch):
 
 def test_all_checks_are_run_in_their_order_and_say_nothing_on_the_terminal(monkeypatch, capsys):
     monkeypatch.setattr(conformance, "checks", lambda: {"one": lambda: print("Passed!"), "two": lambda: None})
-    assert conformance.run_checks() == [Check("one", True, ""), Check("two", True, "")]
+    assert list(conformance.run_checks()) == [Check("one", True, ""), Check("two", True, "")]
     assert capsys.readouterr().out == ""
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from swarm import figures
-from swarm.figures.style import LOOKS, look
+from swarm.figures.style import LOOKS, look, looks
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.collocation import swim
 from swarm.physics.world import World
@@ -129,10 +129,12 @@ def test_a_path_bent_by_noise_still_goes_through_every_place():
 def test_a_centreline_runs_through_the_centres_of_curvature(linear):
     axes = figures.centrelines(linear, World()).axes[0]
     drawn = [line.get_xydata()[3] for line in axes.lines if len(line.get_xydata()) > 3]
-    expected = np.concatenate([linear["centre"].sel(policy=name).values[:, 3] for name in ("dqn", "greedy")])
+    expected = np.concatenate(
+        [linear["centre"].sel(policy=name).values[:, 3] for name in linear["policy"].values]
+    )
     assert np.array_equal(np.unique(drawn, axis=0), np.unique(expected, axis=0))
     styles = {line.get_linestyle() for line in axes.lines if len(line.get_xydata()) > 3}
-    assert styles == {"-", "--"}
+    assert {"-", "--"} <= styles
 
 
 def test_gains_show_every_cell_the_means_and_the_limit(linear):
@@ -144,7 +146,31 @@ def test_gains_show_every_cell_the_means_and_the_limit(linear):
     for name in ("dqn", "greedy"):
         assert float(linear["gain"].sel(policy=name).mean()) in heights
     assert 3.25 in heights
-    assert any("limit\n3.25" in text.get_text() for text in axes.texts)
+    assert any("limit of the mean\n3.25" in text.get_text() for text in axes.texts)
+
+
+@pytest.mark.parametrize("name", ["linear", "flow"])
+def test_every_policy_is_drawn_unless_some_are_chosen_each_in_its_own_look(name):
+    world = WORLDS[name]
+    names = ["mine", "yours", "dqn", "ours", "swinging", "theirs", "aware"]
+    results = population_test(world, dict.fromkeys(names, Random()), cells=2, life=10, limit=False)
+    drawn = looks(names := [*names, "greedy"])
+    assert list(drawn) == names
+    assert len({(each.line, each.marker) for each in drawn.values()}) == len(names)
+    assert len({each.colour for each in drawn.values()}) == len(names)
+    assert drawn["dqn"] == look("dqn")
+    gains, comparison = figures.gains(results).axes[0], figures.comparison(results, world)
+    assert (
+        len([line for line in gains.lines if len(line.get_ydata()) == 2 and line.get_marker() != "None"]) == 8
+    )
+    assert [axes.texts[0].get_text() for axes in comparison.axes[:8]] == [drawn[each].label for each in names]
+    lines = figures.centrelines(results, world)
+    legends = [
+        text.get_text() for axes in lines.axes if axes.get_legend() for text in axes.get_legend().get_texts()
+    ]
+    titles = [axes.get_title("left").split(")  ")[-1] for axes in lines.axes if axes.get_title("left")]
+    assert (legends or titles) == [drawn[each].label for each in names]
+    assert len(figures.comparison(results, world, policies=names[:2]).axes) == 2 + 2
 
 
 def test_panels_of_a_flow_make_room_for_every_line():
@@ -172,6 +198,14 @@ def test_training_shows_the_mean_over_seeds_greedy_and_the_limit(tmp_path):
     assert len(second.lines) == 1
     figures.save(figure, tmp_path / "training.png")
     figures.save(figures.training(figures.Curve(epoch, gain[0], 2.5)), tmp_path / "one.png")
+    assert first.get_xscale() == "linear"
+
+
+def test_the_axis_of_a_training_is_logarithmic_where_that_shows_the_learning():
+    moment = np.array([0, 100, 200, 400, 4000])
+    for gain, scale in (([0, 8, 9, 9, 9.5], "symlog"), ([0, 0.1, 0.2, 0.5, 9], "linear")):
+        axes = figures.training(figures.Curve(moment, np.array(gain)), label="decisions").axes[0]
+        assert (axes.get_xscale(), axes.get_xlabel()) == (scale, "decisions")
 
 
 def test_a_noise_sweep_shows_every_level(linear, tmp_path):

@@ -91,7 +91,7 @@ def test_a_page_holds_frames_of_the_medium_and_stays_small(tmp_path):
     assert results["medium"].sizes["x"] <= 64
     text = page(results)
     assert len(text) < 3e6
-    films = data_of(text)["background"]["films"]
+    films = data_of(text)["background"]["layers"][0]["films"]
     assert len(films) == 2
     assert all(10 < len(film["times"]) <= 48 and film["times"][-1] == 80.0 for film in films)
     assert (np.diff(results["eaten"].values, axis=-1) >= 0).all()

@@ -233,6 +233,12 @@ class Scaled:
         ({"flow": "taylor-green"}, "flow must be one of .*, got 'taylor-green'; did you mean 'taylor_green'"),
         ({"field": LinearField}, r"field must be an object, not a class.*did you mean LinearField\(\)"),
         ({"flow": LinearField()}, r"flow must have velocity\(position\), .*, speed_scale, spin_scale"),
+        (
+            {"field": np.sin},
+            r"swarm\.FunctionField\(function, gradient_scale=…\) with the typical |∇c|, got <",
+        ),
+        ({"flow": np.sin}, r"swarm\.FunctionFlow\(function, speed_scale=…, spin_scale=…\) with"),
+        ({"field": np.ones((3, 3))}, r"swarm\.GriddedField\(data, edges=…\) of data on a grid, got ndarray"),
         ({"field": TaylorGreen()}, r"field must have concentration\(position\), gradient_scale"),
         (
             {"sense_flow": True},

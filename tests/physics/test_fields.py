@@ -1,6 +1,8 @@
 """Built-in fields: what they compute and the bounds they promise."""
 
+import functools
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from swarm.physics.fields import (
     LinearField,
     RadialField,
 )
+from swarm.physics.world import World, scale
 from tests.reference import array, to_numpy
 
 FIELDS = [
@@ -104,3 +107,52 @@ def test_parameters_are_kept_as_plain_floats(xp):
     field = LinearField(gradient_scale=np.float64(2.0), offset=np.int64(3))
     assert type(field.gradient_scale) is type(field.offset) is float
     assert field.concentration(array(xp, [[0.0, 1.0]], xp.float32)).dtype == xp.float32
+
+
+class Moving:
+    """A user's own, which cells may ask in its domain only: steep at the end of life."""
+
+    gradient_scale = 1.0
+
+    def at(self, time):
+        return FunctionField(functools.partial(self.climb, time), self.gradient_scale)
+
+    def inside(self, position):
+        return position[..., 0] < 5.0
+
+    def climb(self, time, position):
+        assert np.all(self.inside(position))
+        return 0.2 * time * position[..., 1]
+
+    def concentration(self, position):
+        return self.climb(0.0, position)
+
+
+@pytest.mark.parametrize(
+    ("slope", "warns"), [(1.0, False), (1.99, False), (0.51, False), (2.1, True), (0.4, True), (0.0, False)]
+)
+def test_a_scale_is_warned_of_once_where_gradients_are_others(slope, warns):
+    field = FunctionField(lambda r: 20.0 + slope * (0.6 * r[..., 0] - 0.8 * r[..., 1]), gradient_scale=1.0)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for life in (80.0, 8.0):
+            World(field=field, life=life)
+    assert [f"{slope} sampled where lives start, got 1" in str(each.message) for each in told] == [
+        True
+    ] * warns
+    assert World(field=field, life=4.0).field is field
+
+
+def test_a_scale_is_compared_in_the_start_box_over_a_life():
+    with pytest.warns(UserWarning, match="0.089 sampled"):
+        World(field=FunctionField(lambda r: 0.01 * r[..., 0] ** 2, 1.0), start_box=((4.4, 4.5), (0.0, 9.0)))
+    with pytest.warns(UserWarning, match="10.3 sampled"):
+        World(field=Moving(), life=80.0)
+    World(field=Moving(), life=8.0)
+    World(field=FunctionField(lambda r: r[..., 0].cos(), 1.0))  # of another library's arrays
+    World(field=FunctionField(lambda r: np.log(r[..., 0] - 20.0), 1.0))  # nowhere there
+
+
+def test_a_world_s_own_fields_are_not_looked_at(monkeypatch):
+    monkeypatch.setattr(scale, "typical_gradient", lambda world: pytest.fail("it was"))
+    World(field=GaussianPlume(gradient_scale=2.0, width=1.0, egg_position=(90.0, 0.0)))

@@ -232,7 +232,9 @@ def test_scales_are_measured_or_given():
     offset = 1e-5 * np.eye(2)
     slopes = [(PLUME.concentration(dense + s) - PLUME.concentration(dense - s)) / 2e-5 for s in offset]
     assert measured == pytest.approx(np.sqrt(np.mean(slopes[0] ** 2 + slopes[1] ** 2)), rel=0.02)
-    assert on_grid(PLUME, 40, "clamped", gradient_scale=7).gradient_scale == 7.0
+    with pytest.warns(UserWarning, match=f"{measured:.3g} over the grid, got 7"):
+        assert on_grid(PLUME, 40, "clamped", gradient_scale=7).gradient_scale == 7.0
+    assert on_grid(PLUME, 40, "clamped", gradient_scale=1.9 * measured).gradient_scale == 1.9 * measured
     flow = on_grid(FLOW, 40, "periodic")
     assert flow.speed_scale == pytest.approx(FLOW.speed_scale, rel=1e-3)
     assert flow.spin_scale == pytest.approx(FLOW.spin_scale, rel=1e-3)

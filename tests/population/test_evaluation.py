@@ -76,7 +76,8 @@ def test_numbers_that_do_not_exist_are_none(name):
     assert done.summary["limit"] is done.summary["gain"]["fraction_of_limit"] is None
     assert done.summary["gain"]["ci95"] is None
     assert done.summary["policy"] == done.label == name
-    assert done.table.rows[0][2] is done.table.rows[0][7] is None
+    assert done.table.rows[0][2] is None
+    assert "of the limit" not in done.table.headings
 
 
 def test_where_there_is_an_egg_arrivals_are_counted():
@@ -84,7 +85,26 @@ def test_where_there_is_an_egg_arrivals_are_counted():
     done = evaluate("greedy", world, experiment="radial", cells=3, life=300)
     assert done.summary["limit"] is None
     assert done.summary["arrived"] == 3
-    assert (done.table.headings[-1], done.table.rows[0][-1]) == ("arrived", "3/3")
+    times = done.results["lifetime"].sel(policy="greedy").values
+    assert done.summary["time_to_egg"] == {"mean": times.mean(), "median": np.median(times)}
+    assert done.table.headings[-3:] == ["arrived", "time to egg", "median"]
+    shown = {row[0]: row[-3:] for row in done.table.rows}
+    assert shown == {
+        "greedy": ["3/3", f"{times.mean():.1f}", f"{np.median(times):.1f}"],
+        "swinging": ["0/3", None, None],
+    }
+
+
+def test_in_a_race_only_those_at_the_egg_have_arrived():
+    world = World(field="radial", first_arrivals=1, interval_rule="common")
+    done = evaluate("greedy", world, experiment="race", cells=8, life=80)
+    came = np.isfinite(done.results["arrival_time"].sel(policy="greedy").values)
+    assert np.array_equal(done.results["arrived"].sel(policy="greedy"), came)
+    assert done.summary["arrived"] == came.sum() < 8
+    assert (
+        done.summary["time_to_egg"]["mean"]
+        == done.results["arrival_time"].sel(policy="greedy").values[came].mean()
+    )
 
 
 def test_the_table_is_ordered_by_gain(with_limit):

@@ -90,3 +90,15 @@ def test_bad_input_is_refused_before_anything_is_computed(levels, options, messa
     monkeypatch.setattr(noise, "population_test", lambda *_, **__: pytest.fail("computed"))
     with pytest.raises((ValueError, PolicyError), match=message):
         sweep_noise(options.pop("policy", Greedy()), World(), levels, **options)
+
+
+def test_where_there_is_an_egg_arrivals_stand_beside_the_gains():
+    done = sweep_noise("greedy", World(field="radial"), (0.0, 0.5), cells=3, life=90)
+    shown = [dict(zip(done.table.headings, row, strict=True)) for row in done.table.rows]
+    for row, test in zip(shown, (each for each in done.tests for _ in "g"), strict=True):
+        times = test["lifetime"].values[test["arrived"].values]
+        assert row["arrived"] == f"{len(times)}/3"
+        assert row["time to egg"] == (f"{times.mean():.1f}" if len(times) else None)
+    assert [row["arrived"] for row in noise.records(done.results)] == done.results[
+        "arrived"
+    ].values.ravel().tolist()

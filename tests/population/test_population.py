@@ -7,8 +7,10 @@ from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
+from swarm.population.evaluation import compete, evaluate
 from tests.policies.test_network import make
 
+RACE = World(field="radial", start_box=((20, 30), (0, 1)))
 NOISY = {"concentration_noise": 0.1, "curvature_noise": 0.2, "rotational_diffusion": 0.02}
 
 
@@ -142,3 +144,19 @@ def test_units_and_provenance_are_in_the_attributes():
 def test_bad_input_is_named(options, error, words):
     with pytest.raises(error, match=words):
         population_test(World(), options.pop("policies", {}), **options)
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda tell: trial(World(), {"swinging": Swinging()}, cells=2, life=4, progress=tell),
+        lambda tell: evaluate("random", World(), experiment="own", cells=2, life=4, progress=tell),
+        lambda tell: compete("random", "greedy", RACE, cells=2, worlds=2, life=4, progress=tell),
+    ],
+)
+def test_progress_rises_to_the_whole(work):
+    told = []
+    work(told.append)
+    assert told == sorted(told)
+    assert (told[0], told[-1]) == (0.0, 1.0)
+    assert len(set(told)) > 10

@@ -45,3 +45,31 @@ def test_a_printed_table_takes_names_literally(capsys):
         ":smile:",
         "[/nothing]",
     ]
+
+
+WIDE = ["policy", "gain", "95% interval of the mean", "over greedy", "verdict", "what was found"]
+LONG = "a sentence of many words, some of which_are_much_longer_than_a_narrow_column_is_wide, and so on"
+ROWS = [
+    ["zoo:linear_n4", "29.12 ± 0.31", "29.01 … 29.23", "+10.12", "reproduced", LONG],
+    ["runs/" + "long-name-" * 6, "-19.00 ± 10.31", "–", "1.2e-05", "FAILED", ""],
+]
+
+
+@pytest.mark.parametrize("width", [30, 40, 60, 80, 200])
+def test_a_printed_table_cuts_nothing_however_narrow(capsys, monkeypatch, width):
+    monkeypatch.setenv("COLUMNS", str(width))
+    print_table(WIDE, ROWS)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= width
+    for number in (each for row in ROWS for each in row[1:5]):
+        assert any(number in line for line in lines)
+    letters = "".join("".join(lines).split())
+    assert all(letters.count(letter) >= "".join(LONG.split()).count(letter) for letter in set(LONG) - {" "})
+    assert "…" in ROWS[0][2]
+    assert sum(line.count("…") for line in lines) == 1  # that of the interval
+
+
+def test_a_printed_table_is_of_80_columns_where_there_is_no_terminal(capsys, monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    print_table(WIDE, ROWS)
+    assert 70 < max(map(len, capsys.readouterr().out.splitlines())) <= 80

@@ -1,9 +1,12 @@
 """Whatever a user's terminal, folders and settings are: the work is done, or refused in a line before it."""
 
+import io
 import os
+import re
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -51,7 +54,7 @@ STREAMS = {
 def test_work_goes_on_where_nobody_reads_how_far_it_is(monkeypatch, stream):
     broken = STREAMS[stream]()
     monkeypatch.setattr(sys, "stderr", broken)
-    monkeypatch.setattr(terminal, "QUIET", 0.0)
+    monkeypatch.setattr(terminal, "FIRST", 0.0)
     with terminal.Progress("work", 2) as bar:
         bar.show(1, text="[half]")
         bar.say("[done]")
@@ -63,6 +66,29 @@ def test_work_goes_on_where_nobody_reads_how_far_it_is(monkeypatch, stream):
     assert not told.isatty()
     if broken is not None:
         broken.close()
+
+
+def test_progress_is_told_where_there_is_no_terminal_with_the_time_left(monkeypatch):
+    monkeypatch.setattr(terminal, "FIRST", 0.05)
+    monkeypatch.setattr(terminal, "QUIET", 0.05)
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    clock = terminal.Clock(10.0, 4.0)
+    clock.began -= 7200.0
+    clock.set(5.0, None)
+    assert (clock.part, clock.spent, clock.left) == (0.5, "2 h 0 min", "about 10 h 0 min left")
+    clock.set(4.1, None)
+    assert clock.left == terminal.Clock(None, 0.0).left == terminal.Clock(0.0, 0.0).left == ""
+    with terminal.Progress("work", 8) as outer:
+        time.sleep(0.12)  # nothing is said of it
+        outer.show(2)
+        with terminal.Progress("part", 1.0) as inner:
+            inner.show(0.25, text="a quarter")
+            time.sleep(0.12)
+        time.sleep(0.12)
+    told = sys.stderr.getvalue().splitlines()
+    kinds = [re.sub(r"\d+ s", "…", line) for line in told]
+    expected = ["work 0%, …", "part a quarter 25%, …, about … left", "work 25%, …, about … left"]
+    assert list(dict.fromkeys(kinds)) == expected
 
 
 @pytest.mark.parametrize(

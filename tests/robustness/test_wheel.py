@@ -61,7 +61,7 @@ def test_an_installed_wheel_holds_the_shipped_policies(elsewhere):
 
 
 def test_an_installed_wheel_holds_the_page_of_a_population(elsewhere):
-    assert (elsewhere / "swarm" / "figures" / "page.html").is_file()
+    assert (elsewhere / "swarm" / "figures" / "page" / "assets" / "three.min.js").is_file()
 
 
 def test_its_name_imports_and_is_the_same_package(elsewhere):

@@ -4,6 +4,7 @@ import json
 import os
 import pickle
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -15,12 +16,15 @@ import xarray as xr
 import yaml
 from typer.testing import CliRunner
 
+import swarm
 from swarm import Network, load_policy, save_policy
 from swarm._support import files
+from swarm._support.tables import percent
 from swarm.population.results import load_population, world_of
 from tests.short_runs import short_settings, start, whole
 from trainers import cli
-from trainers.cli import app
+from trainers.cli import app, listing
+from trainers.cli.app import ORDER
 from trainers.training import run_folder as runs
 
 COMMAND = [sys.executable, "-c", "from trainers.command import main; main()"]
@@ -99,13 +103,13 @@ def test_train_refuses_what_it_cannot_do(words, said):
     assert said in refused("train", *words)
 
 
-def test_train_makes_a_folder_shows_its_settings_trains_and_tests():
+def test_train_makes_a_folder_says_where_it_is_trains_and_tests():
     code, out, _ = run("train", "seed=5", "evaluate=true", "evaluation.worlds=2", *SHORT)
     assert code == 0
     (folder,) = Path("runs").iterdir()
     assert folder.name.startswith("linear_n4-swarm-seed5-")
-    shown = yaml.safe_load(out[: out.index("trained in")])
-    assert shown == yaml.safe_load((folder / "settings.yaml").read_text())
+    first, *_ = out.splitlines()
+    assert first == f"training linear_n4 by dqn, recipe swarm, seed 5: settings and all else in {folder}"
     assert {"metrics.csv", "policy.safetensors", "training.png"} <= {path.name for path in folder.iterdir()}
     assert load_policy(folder).card["seed"] == 5
     summary = folder / "evaluation" / "summary.json"
@@ -123,6 +127,81 @@ def test_show_only_shows():
     assert code == 0
     assert yaml.safe_load(out)["seed"] == 5
     assert list(Path().iterdir()) == []
+
+
+def test_a_sweep_is_shown_by_what_differs_and_what_does_not():
+    code, out, _ = run("train", "-m", "--show", "seed=0,1", "learning.hidden=[8],[9]", *SHORT[:1])
+    assert code == 0
+    count, *lines = out.splitlines()
+    names = [line for line in lines if not line.startswith(" ")]
+    assert count == "4 runs"
+    assert names[:2] == ["learning.hidden=[8],seed=0", "learning.hidden=[9],seed=0"]
+    assert yaml.safe_load("\n".join(lines[1:3])) == {"learning.hidden": [8], "seed": 0}
+    same = yaml.safe_load(out[out.index(names[-1]) + len(names[-1]) :])
+    assert names[-1] == "in all of them"
+    assert (same["learning.epochs"], same["world.field"]) == (2, "linear")
+    assert list(Path().iterdir()) == []
+
+
+def test_commands_are_listed_in_the_order_of_their_use():
+    _, out, _ = run("--help")
+    assert re.findall(r"^│ (\w+) ", out, re.MULTILINE)[-7:] == list(ORDER)
+
+
+@pytest.mark.parametrize("words", [["train"], ["evaluate"], ["watch"]])
+def test_help_names_what_can_be_chosen(words):
+    code, out, _ = run(*words, "--help")
+    assert code == 0
+    assert "taylor_green_blind" in out
+    assert "{" not in out.replace("{policy}", "")
+
+
+@pytest.mark.parametrize(
+    ("section", "name", "said"),
+    [
+        ("experiments", "linear_n8", "world.n_records=8"),
+        ("recipes", "paper", "validation.every=50"),
+        ("algorithms", "ppo", "Schulman et al. 2017"),
+        ("zoo", "zoo:linear_n4", percent(load_policy("zoo:linear_n4").card["test"]["fraction_of_limit"])),
+        ("fields", "radial", "offset=100"),
+        ("fields", "gridded", "path=…"),
+        ("flows", "shear", "height=10"),
+        ("sensors", "memory_with_neighbours", "k=3"),
+        ("rewards", "arrival", "winner of the race"),
+        ("interactions", "contact", "stiffness=100"),
+    ],
+)
+def test_list_tells_what_is_chosen_by_name_and_its_defaults(monkeypatch, section, name, said):
+    monkeypatch.setenv("COLUMNS", "3000")
+    code, out, _ = run("list", section)
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if line.split() and line.split()[0] == name]
+    assert said in line
+
+
+def test_list_tells_of_a_part_that_a_user_has_registered(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "3000")
+    monkeypatch.setitem(
+        swarm.rewards._kinds, "mine", type("Mine", (), {"__doc__": "Nothing\nat all.\n\nMore."})
+    )
+    monkeypatch.setitem(swarm.rewards._renamed, "mine", {})
+    assert "Nothing at all." in run("list", "rewards")[1]
+    assert "did you mean 'rewards'?" in refused("list", "reward")
+    assert [line for line in run("list")[1].splitlines() if line.isupper()] == [
+        each.upper() for each in listing.SECTIONS
+    ]
+
+
+@pytest.mark.parametrize(
+    "words", ["list zoo", "evaluate greedy --cells 2 --life 2", "train --show", "--help"]
+)
+def test_a_command_whose_output_nobody_reads_ends_as_others_do(words):
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-c", COMMAND[-1], *words.split()]
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, env=ENVIRONMENT)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (-signal.SIGPIPE, b"")
 
 
 @pytest.mark.parametrize(
@@ -235,7 +314,7 @@ def test_evaluate_races_policies_against_each_other():
     ]
     code, out, _ = run(*words, "--worlds", "8", "--life", "20", "--out", "found")
     assert code == 0
-    assert {line.split()[0] for line in out.splitlines()[1:3]} == {"zoo:radial", "greedy"}
+    assert {line.split()[0] for line in out.splitlines()[-3:-1]} == {"zoo:radial", "greedy"}
     assert {path.name for path in Path("found").iterdir()} == {"contest.nc", "contest.csv"}
     with xr.open_dataset("found/contest.nc", engine="h5netcdf") as found:
         assert found["crowd"].values.tolist() == [0.25, 0.75]
@@ -258,6 +337,9 @@ def test_evaluate_keeps_the_noise_that_a_policy_was_trained_with():
         (["unfinished"], "unfinished must be finished; to go on with it: swarm train resume=unfinished"),
         (["finished", "--cells", "0"], "cells must be a whole number"),
         (["finished", "--out", "finished"], "finished must be a new or an empty folder"),
+        (["finished", "--format", "pdf"], "--format must be md or tex without --out, got 'pdf'"),
+        (["finished", "--out", "new", "--format", "tex,pfd"], "got 'pfd'; did you mean 'pdf'?"),
+        (["finished", "--life", "-1"], "life must"),
     ],
 )
 def test_compare_refuses_what_it_cannot_do(words, said):
@@ -265,6 +347,26 @@ def test_compare_refuses_what_it_cannot_do(words, said):
     start("unfinished", settings)
     whole("finished", settings).mark_finished()
     assert said in refused("compare", *words)
+    assert not Path("new").exists()
+
+
+def test_compare_prints_and_writes_tables_and_figures_in_every_format():
+    whole("finished", short_settings(learning={"epochs": 1})).mark_finished()
+    words = ["compare", "finished", "--cells", "2", "--life", "3"]
+    code, printed, _ = run(*words, "--format", "md")
+    assert (code, printed.splitlines()[1][:5]) == (0, "| :--")
+    assert run(*words, "--out", "found", "--format", "md,tex, pdf,svg")[0] == 0
+    beginnings = {
+        "md": b"| runs",
+        "tex": rb"\begin{tabular}",
+        "pdf": b"%PDF",
+        "svg": b"<?xml",
+        "csv": b"runs,",
+    }
+    found = {path.suffix[1:]: path.read_bytes() for path in Path("found").iterdir()}
+    assert {kind: found.pop(kind)[: len(start)] for kind, start in beginnings.items()} == beginnings
+    assert json.loads(found.pop("json"))["groups"][0]["life"] == 3.0
+    assert not found
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ EATING = [
 
 def contender(*words):
     settings = settings_from(words)
-    return Contender(settings, settings.seed, np.zeros((1, 3)), np.zeros((1, 3)), None)
+    return Contender(settings, settings.seed, np.zeros((1, 3)), np.zeros((1, 3)), 80.0, None)
 
 
 def groups(*runs):
@@ -51,6 +51,30 @@ def test_the_interval_of_a_group_is_over_its_seeds_and_the_cells_they_share():
     assert row["high"] - row["low"] > 2 * np.ptp(mean_interval(gains.mean(axis=1, keepdims=True)))
     short = Group("short", [each._replace(limit=-0.1) for each in members]).row()  # lives of less than a turn
     assert (short["limit"], short["fraction_of_limit"]) == (pytest.approx(-0.1), None)
+
+
+def test_tables_and_figures_name_settings_by_the_symbols_of_the_field():
+    told = {
+        "linear_n4 world.n_records=4 learning.discount=0.9": "linear_n4 N_T=4 γ=0.9",
+        "world.life=80.0 my_world.life=3": "t_life=80.0 my_world.life=3",
+        "world.field={type:gaussian_plume}": "world.field={type:gaussian_plume}",
+    }
+    assert {label: comparison.in_symbols(label) for label in told} == told
+    group = Group("a_b world.n_records=4 50%", [contender()])
+    (line,) = [line for line in comparison.written([group], "tex").splitlines() if "50" in line]
+    assert line.startswith(r"a\_b $N_T$=4 50\% & 1 & 0.00 &")
+    assert "| a_b N_T=4 50% | 1 | 0.00 |" in comparison.written([group], "md")
+
+
+def test_times_to_the_egg_are_of_all_seeds_and_stand_in_the_table_where_there_is_one():
+    times = np.array([[3.0, np.inf, 5.0]])
+    members = [contender(f"seed={seed}")._replace(times=times + seed) for seed in range(2)]
+    row = Group("egg", members).row()
+    assert (row["arrived"], row["time_to_egg"], row["median_time_to_egg"]) == (4 / 6, 4.5, 4.5)
+    shown = comparison.table([Group("egg", members), Group("none", [contender()])])
+    assert shown.headings[-3:] == ["arrived", "time to egg", "median"]
+    assert [row[-3:] for row in shown.rows] == [["66.7%", "4.5", "4.5"], [None] * 3]
+    assert "arrived" not in comparison.table([Group("none", [contender()])]).headings
 
 
 def test_units_of_an_interval_are_worlds_where_their_cells_are_coupled():

@@ -20,6 +20,31 @@ from trainers.training import run as running
 from trainers.training import run_folder as runs
 from trainers.training.loop import Training
 
+
+def test_validating_the_untrained_policy_changes_nothing_that_is_learnt(tmp_path):
+    settings = short_settings(n_seeds=2)
+    bare = Training(settings)
+    untrained = Training(settings).validation.gains(bare.algorithm.policy)
+    while bare.epoch < settings.learning.epochs:
+        bare.run_epoch()
+    made = go_on(run := start(tmp_path / "run", settings), settings)
+    np.testing.assert_array_equal(made.measures, bare.measures)
+    np.testing.assert_array_equal(made.untrained, untrained)
+    drawn = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "swarm.figures.training", lambda curves, **options: drawn.append((curves, options)) or None
+        )
+        patch.setattr("swarm.figures.save", lambda *_: None)
+        running.draw(made, run)
+    ((curves, options),) = drawn
+    (curve,) = curves.values()
+    decisions = made.measure("decisions")[:, 0]
+    assert curve.moment.tolist() == [0, *decisions[[1, 3, 5]]]
+    np.testing.assert_array_equal(curve.gain[:, 0], untrained)
+    assert options["label"] == "decisions of each cell"
+
+
 # --- the paper's numbers ------------------------------------------------------------------------------------
 
 TABLE_1 = {

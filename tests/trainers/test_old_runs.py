@@ -36,7 +36,8 @@ def test_its_shipped_policies_are_of_a_dqn():
     assert {load_policy(f"zoo:{name}").algorithm for name in zoo_names()} == {"dqn"}
 
 
-def test_its_runs_are_compared_with_one_another_and_with_those_of_now():
+def test_its_runs_are_compared_with_one_another_and_with_those_of_now(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
     assert run("train", "algorithm=ppo", *RUN, "hydra.run.dir=of_now")[0] == 0
     shutil.copytree("old", "averaged")
     settings = Path("averaged/settings.yaml")

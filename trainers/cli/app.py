@@ -11,6 +11,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+ORDER = ("train", "evaluate", "compare", "watch", "list", "reproduce", "check")
+
 
 @contextmanager
 def errors_as_lines() -> Iterator[None]:
@@ -46,6 +48,10 @@ def line_of(error: BaseException) -> str | None:
 
 class Commands(TyperGroup):
     """All commands, whose errors become lines."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """In the order in which they are used."""
+        return sorted(super().list_commands(ctx), key=[*ORDER, *super().list_commands(ctx)].index)
 
     def invoke(self, ctx: Any) -> Any:
         """As a group does."""

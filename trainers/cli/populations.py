@@ -8,11 +8,13 @@ from typing import Annotated, Any
 import typer
 
 from trainers.cli.app import app
+from trainers.cli.listing import Listing
 from trainers.cli.options import (
     POLICY,
     Against,
     Cells,
     Experiment,
+    Formats,
     Life,
     NewFolder,
     Noise,
@@ -20,13 +22,14 @@ from trainers.cli.options import (
     Picture,
     Seed,
     Share,
+    ShortLife,
     Size,
     Worlds,
 )
 from trainers.cli.told import print_test
 
 
-@app.command()
+@app.command(cls=Listing)
 def evaluate(
     policy: Annotated[str, typer.Argument(help=f"{POLICY}.")],
     experiment: Experiment = None,
@@ -65,26 +68,36 @@ def compare(
     folders: Annotated[list[Path], typer.Argument(help="Folders of finished runs.", metavar="RUN RUN ...")],
     cells: Cells = None,
     worlds: Annotated[int | None, Worlds] = None,
+    life: Life = None,
     seed: Seed = 0,
     out: NewFolder = None,
+    form: Annotated[str | None, Formats] = None,
 ) -> None:
     """Put runs side by side, with intervals over seeds."""
     from swarm._support.terminal import print_table
     from trainers.jobs import comparison
 
-    groups = comparison.compare(folders, cells=cells, worlds=worlds, seed=seed, out=out)
+    formats = [each.strip() for each in (form or "png").split(",")]
+    printed = form if out is None and form in comparison.TABLES else None
+    if out is None and form is not None and printed is None:
+        raise ValueError(f"--format must be md or tex without --out, got {form!r}")
+    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
+    groups = comparison.compare(folders, **sizes, out=out, formats=formats)
     table = comparison.table(groups)
-    print_table(table.headings, table.texts)
+    if printed is not None:
+        print(comparison.written(groups, printed), end="")
+    else:
+        print_table(table.headings, table.texts)
     if out is not None:
         print(f"table and figure are in {out}")
 
 
-@app.command()
+@app.command(cls=Listing)
 def watch(
     policy: Annotated[str, typer.Argument(help=f"{POLICY}; or a population.nc, for a page.")],
     experiment: Experiment = None,
     cells: Cells = None,
-    life: Life = None,
+    life: ShortLife = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the starts; default: 0.")] = None,
     against: Annotated[str | None, Against] = None,
     share: Annotated[float | None, Share] = None,

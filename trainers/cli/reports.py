@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,6 +26,7 @@ def reproduce(
     """Reproduce every figure and table of the paper, with a verdict on each of its claims."""
     from swarm._support import files
     from swarm._support.checks import check_count
+    from swarm._support.terminal import Told
     from trainers.crowd import reproduction as crowds
     from trainers.crowd.plan import CrowdPlan
     from trainers.paper import reproduction as paper
@@ -33,10 +36,11 @@ def reproduce(
     changes |= {} if seeds is None else {"n_seeds": check_count("--seeds", seeds)}
     changes |= {} if jobs is None else {"workers": check_count("--jobs", jobs)}
     places = files.expanded(out), publish and files.expanded(publish)
-    if crowd:
-        judged = crowds.reproduce(CrowdPlan(**changes), *places, ship=ship)
-    else:
-        judged = paper.reproduce(Plan(**changes), *places, ship=ship)
+    with redirect_stdout(Told(sys.stdout)):  # what is told on the way
+        if crowd:
+            judged = crowds.reproduce(CrowdPlan(**changes), *places, ship=ship)
+        else:
+            judged = paper.reproduce(Plan(**changes), *places, ship=ship)
     verdicts = Counter(claim.verdict for claim in judged)
     print(f"{len(judged)} claims: " + ", ".join(f"{count} {name}" for name, count in verdicts.most_common()))
     print(f"the report is {out / 'report.md'}")
@@ -45,12 +49,16 @@ def reproduce(
 @app.command()
 def check() -> None:
     """Run every check of the environments' interfaces there is, warnings as errors."""
-    from swarm._support.terminal import print_table
-    from swarm.envs.conformance import run_checks
+    from swarm._support.terminal import Progress, print_table
+    from swarm.envs.conformance import checks, run_checks
 
-    found = run_checks()
+    found = []
+    with Progress("checks", len(checks())) as bar:
+        for each in run_checks():
+            found.append(each)
+            bar.show(len(found))
     results = {True: "passed", False: "FAILED", None: "skipped"}
-    rows = [[each.name, results[each.passed], each.detail] for each in found]
-    print_table(["check", "result", "detail"], rows)
+    rows = [[results[each.passed], each.name, each.detail] for each in found]
+    print_table(["result", "check", "detail"], rows)
     if any(each.passed is False for each in found):
         raise typer.Exit(1)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 import time
 from collections.abc import Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from trainers.cli.app import app
+from trainers.cli.listing import Listing
 from trainers.cli.told import print_test
 
 if TYPE_CHECKING:
@@ -23,24 +25,54 @@ SEVERAL, SHOW, RESUME, FOLDER = ("-m", "--multirun"), "--show", "resume=", "hydr
 
 
 @app.command(
+    cls=Listing,
+    options_metavar="[KEY=VALUE ...] [-m] [--show]",
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     help="""Train a policy: `swarm train experiment=linear_n4 recipe=swarm seed=0 key=value …`
 
-    `algorithm=ppo` learns by PPO instead of DQN, `hydra.run.dir=DIR` chooses the folder, `resume=DIR` goes on
-    with a run, `-m` sweeps over values with commas (`seed=0,1,2`), `--show` prints the settings and ends.""",
+    `experiment=` says what to learn (default linear_n4): {experiments}.
+
+    `recipe=` says how (default swarm): {recipes}.
+
+    `algorithm=` says by what (default dqn): {algorithms}.
+
+    `--show` prints all settings and their values, or those of every run of a sweep, and ends.
+
+    `-m` sweeps over values with commas (`seed=0,1,2`), `hydra.run.dir=DIR` chooses the folder,
+    `resume=DIR` goes on with a run.""",
 )
 def train(context: typer.Context) -> None:
     """Train a policy."""
     from swarm._support.terminal import Told
     from trainers.settings.composition import settings_from
 
-    words, others = context.args, (*SEVERAL, RESUME)
-    if SHOW in words and not any(word.startswith(others) for word in words):
-        shown = settings_from([word for word in words if word != SHOW and not word.startswith(FOLDER)])
-        print(shown.as_yaml().rstrip())
-    else:
+    words = [word for word in context.args if word != SHOW]
+    if len(words) == len(context.args):
         with redirect_stdout(Told(sys.stdout)):
             _train(words)
+    elif set(words) & set(SEVERAL):
+        _show_sweep([word for word in words if word not in SEVERAL])
+    else:
+        print(settings_from([word for word in words if not word.startswith(FOLDER)]).as_yaml().rstrip())
+
+
+def _show_sweep(words: Sequence[str]) -> None:
+    """What differs between the runs of a sweep, and what does not."""
+    from trainers.jobs.sweep import wanted
+
+    runs = {name: settings.dotted() for name, settings in wanted(words).items()}
+    first, *others = runs.values()
+    same = {key: value for key, value in first.items() if all(each.get(key, ...) == value for each in others)}
+    print(f"{len(runs)} runs")
+    for name, told in runs.items():
+        print(name, _indented({key: told[key] for key in told if key not in same}), sep="\n")
+    print("in all of them", _indented(same), sep="\n")
+
+
+def _indented(settings: dict[str, Any]) -> str:
+    import yaml
+
+    return textwrap.indent(yaml.safe_dump(settings, sort_keys=False, default_flow_style=None).rstrip(), "  ")
 
 
 def _train(given: Sequence[str]) -> None:
@@ -66,8 +98,14 @@ def begin(settings: Settings, folder: Path | None = None) -> None:
     from trainers.training import run as running
 
     training, run = running.begin(folder, settings)
-    print(settings.as_yaml().rstrip(), flush=True)
+    told = f"{settings.experiment} by {settings.algorithm}, recipe {settings.recipe}, {_seeds(settings)}"
+    print(f"training {told}: settings and all else in {run.path}", flush=True)
     _complete(training, run)
+
+
+def _seeds(settings: Settings) -> str:
+    first, *others = settings.seeds
+    return f"seeds {first} to {others[-1]}" if others else f"seed {first}"
 
 
 def resume(folder: Path) -> None:
@@ -94,6 +132,8 @@ def _complete(training: Training, run: RunFolder) -> None:
     with Progress("training", epochs) as bar:
 
         def report(training: Training, seconds: float) -> None:
+            if not bar.clock.done:  # a run that goes on
+                bar.clock.first = training.epoch - 1
             text = f"epoch {training.epoch}/{epochs}  {running.standing(training)}{seconds:.2f} s/epoch"
             bar.show(training.epoch, text=text)
             if training.epoch == epochs:

@@ -90,17 +90,17 @@ intervals were made to keep within 0 and 1.
 def _verdicts(claims: Sequence[Claim]) -> str:
     table = [
         {
+            "verdict": f"**{each.verdict}**",
             "question": each.claim,
             "measured": f"{number(each.measurement, '+')} {each.unit}".strip(),
             "95% interval": interval_of(each.interval),
             "criterion": each.criterion,
-            "verdict": f"**{each.verdict}**",
         }
         for each in claims
     ]
     return f"""## Verdicts
 
-{Table.of(table).as_markdown()}"""
+{Table.of(table).as_markdown(texts=2)}"""
 
 
 def _experiment(found: CrowdFindings, experiment: str) -> str:

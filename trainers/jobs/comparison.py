@@ -1,26 +1,39 @@
 """Runs side by side: the same test for every policy, grouped by what differs besides the seed."""
 
+import functools
 import itertools
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from swarm._support import files, provenance
+from swarm._support.checks import check_name
 from swarm._support.tables import Table, percent, span
-from swarm._support.terminal import dispensable
+from swarm._support.terminal import Progress, dispensable
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
+from swarm.population.evaluation import TO_THE_EGG
 from swarm.population.results import RIVAL
-from swarm.population.statistics import fraction_of_limit, independent, mean_interval
+from swarm.population.statistics import fraction_of_limit, independent, mean_interval, times_to_egg
 from trainers.settings.composition import by_value, settings_from_stored
 from trainers.settings.schema import CELLS, Settings
 from trainers.training import run_folder as runs
 from trainers.training.run_folder import RunError, RunFolder
 
 NAMES = ("experiment", "recipe", "algorithm")  # which tell the settings that come with them
+SYMBOLS = {  # of settings in tables and figures; others are told by their keys
+    "world.n_records": "N_T",
+    "world.life": "t_life",
+    "world.time_step": "Δt",
+    "world.curvatures": "κ",
+    "learning.discount": "γ",
+    "learning.learning_rate": "α",
+}
+TABLES, PICTURES = ("md", "tex"), ("png", "pdf", "svg")
 SECTIONS = ("world", "learning", "validation", "evaluation")  # of settings that decide what is learnt
 
 
@@ -31,7 +44,9 @@ class Contender(NamedTuple):
     seed: int
     gains: np.ndarray  # (worlds, cells)
     greedy: np.ndarray  # (worlds, cells)
+    life: float
     limit: float | None
+    times: np.ndarray | None = None  # (worlds, cells) of arrival at the egg, infinite for who never came
 
 
 class Group(NamedTuple):
@@ -55,6 +70,8 @@ class Group(NamedTuple):
         low, high = (mean_interval(units) if units.shape[1] > 1 else None) or (None, None)
         worlds, cells = self.members[0].gains.shape
         limit = None if None in limits else float(np.mean(np.array(limits, float)))
+        times = [member.times for member in self.members if member.times is not None]
+        came = np.concatenate([each[np.isfinite(each)] for each in times]) if times else np.zeros(0)
         return {
             "runs": self.label,
             "seeds": len(means),
@@ -68,6 +85,10 @@ class Group(NamedTuple):
             "greedy": float(np.mean([member.greedy.mean() for member in self.members])),
             "limit": limit,
             "fraction_of_limit": fraction_of_limit(float(means.mean()), limit),
+            "life": self.members[0].life,
+            "arrived": came.size / np.size(times) if times else None,
+            "time_to_egg": float(came.mean()) if came.size else None,
+            "median_time_to_egg": float(np.median(came)) if came.size else None,
         }
 
 
@@ -76,17 +97,22 @@ def compare(
     *,
     cells: int | None = None,
     worlds: int | None = None,
+    life: float | None = None,
     seed: int = 0,
     out: Path | None = None,
+    formats: Sequence[str] = ("png",),
 ) -> list[Group]:
     """Test the policies of finished runs on the same cells, so many in each of `worlds` worlds; writes
-    comparison.csv, comparison.json and comparison.png.
+    comparison.csv, comparison.json, and the table and the figure in the `formats`: md, tex; png, pdf, svg.
 
-    By default 40 cells of one world; where cells are coupled, as many as the runs' own tests have.
+    By default 40 cells of one world, where cells are coupled as many as the runs' own tests have, and the
+    life of the runs.
 
     Folders that hold no run are passed over where others do. Raises RunError where none does or a run is not
     finished.
     """
+    for each in formats:
+        check_name("format", each, dict.fromkeys((*TABLES, *PICTURES)))
     if out is not None:
         files.check_new_folder(out)
     known = {folder.resolve(): folder for folder in map(files.expanded, reversed(folders))}  # each one once
@@ -96,23 +122,36 @@ def compare(
     for folder in found:
         if not RunFolder(folder).finished:
             raise RunError(f"{folder} must be finished; to go on with it: swarm train resume={folder}")
-    groups = grouped([each for folder in found for each in _tested(folder, cells, worlds, seed)])
+    contenders: list[Contender] = []
+    with Progress("tests", len(found)) as bar:
+        for done, folder in enumerate(found):
+            report = functools.partial(_show, bar, done, len(found))
+            contenders += _tested(folder, cells, worlds, life, seed, report)
+    groups = grouped(contenders)
     if out is not None:
-        _write(out, groups, {"runs": [str(path) for path in found], "seed": seed})
+        _write(out, groups, {"runs": [str(path) for path in found], "seed": seed}, formats)
     return groups
 
 
-def _write(out: Path, groups: Sequence[Group], about: dict[str, Any]) -> None:
+def _show(bar: Progress, done: int, of: int, part: float) -> None:
+    bar.show(done + part, text=f"{done + 1}/{of}")
+
+
+def _write(out: Path, groups: Sequence[Group], about: dict[str, Any], formats: Sequence[str]) -> None:
     rows = [group.row() for group in groups]
     record = {"groups": rows, **about, "versions": provenance.versions(), "commit": provenance.commit()}
     with files.new_folder(out) as folder:
         (folder / "comparison.csv").write_text(Table.of(rows).as_csv(), encoding="utf-8")
         (folder / "comparison.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-        with dispensable("comparison.png"):
-            from swarm import figures
+        for each in formats:
+            if each in TABLES:
+                (folder / f"comparison.{each}").write_text(written(groups, each), encoding="utf-8")
+                continue
+            with dispensable(f"comparison.{each}"):
+                from swarm import figures
 
-            figure = figures.groups([(row, group.means) for row, group in zip(rows, groups, strict=True)])
-            figures.save(figure, folder / "comparison.png")
+                drawn = [({**group.row(), "runs": in_symbols(group.label)}, group.means) for group in groups]
+                figures.save(figures.groups(drawn), folder / f"comparison.{each}")
 
 
 def grouped(contenders: Sequence[Contender]) -> list[Group]:
@@ -144,18 +183,56 @@ def _differs(key: str, described: Sequence[Mapping[str, Any]]) -> bool:
     return len({str(each.get(key)) for each in described}) > 1
 
 
+def in_symbols(label: str) -> str:
+    """A group's label with the field's symbols in place of the keys of settings."""
+    for key, symbol in SYMBOLS.items():
+        label = re.sub(rf"(?<!\S){re.escape(key)}=", f"{symbol}=", label)
+    return label
+
+
 def table(groups: Sequence[Group]) -> Table:
-    """A row per group, best first."""
-    headings = ["runs", "seeds", "gain", "95% interval", "worst", "best", "greedy", "of the limit"]
+    """A row per group, best first; what none of them has is left out."""
     rows = []
     for row in sorted((group.row() for group in groups), key=lambda each: -each["mean"]):
-        interval = None if row["low"] is None else span((row["low"], row["high"]))
-        mean, *others = (f"{row[name]:.2f}" for name in ("mean", "worst", "best", "greedy"))
-        rows.append([row["runs"], row["seeds"], mean, interval, *others, percent(row["fraction_of_limit"])])
-    return Table(headings, rows)
+        mean, worst, best, greedy = (f"{row[name]:.2f}" for name in ("mean", "worst", "best", "greedy"))
+        times = [row[name] for name in ("time_to_egg", "median_time_to_egg")]
+        rows.append(
+            {
+                "runs": in_symbols(row["runs"]),
+                "seeds": row["seeds"],
+                "gain": mean,
+                "95% interval": None if row["low"] is None else span((row["low"], row["high"])),
+                "worst": worst,
+                "best": best,
+                "greedy": greedy,
+                "of the limit": percent(row["fraction_of_limit"]),
+                "arrived": percent(row["arrived"]),
+                **dict(
+                    zip(
+                        TO_THE_EGG[1:],
+                        (None if each is None else f"{each:.1f}" for each in times),
+                        strict=True,
+                    )
+                ),
+            }
+        )
+    shown = [name for name in rows[0] if name == "95% interval" or any(row[name] is not None for row in rows)]
+    return Table.of(rows, shown)
 
 
-def _tested(folder: Path, cells: int | None, worlds: int | None, seed: int) -> list[Contender]:
+def written(groups: Sequence[Group], kind: str) -> str:
+    """The table as Markdown (md) or LaTeX (tex)."""
+    return table(groups).as_markdown() if kind == "md" else table(groups).as_latex()
+
+
+def _tested(
+    folder: Path,
+    cells: int | None,
+    worlds: int | None,
+    life: float | None,
+    seed: int,
+    progress: Callable[[float], None],
+) -> list[Contender]:
     run, stored = RunFolder.open(folder)
     settings = settings_from_stored(stored, run.path)
     policies = {str(each): load_policy(path) for each, path in run.policies(settings)}
@@ -163,9 +240,15 @@ def _tested(folder: Path, cells: int | None, worlds: int | None, seed: int) -> l
     own = settings.evaluation
     usual = (own.cells, own.worlds) if world.is_shared else (CELLS, 1)
     cells, worlds = (usual[0] if cells is None else cells), (usual[1] if worlds is None else worlds)
-    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": world.life, "seed": seed}
-    results = population_test(world, policies, **sizes, record=False)
-    lived = results["gain"].transpose("policy", ..., "cell").values.reshape(-1, worlds, cells)
-    gains = dict(zip(results["policy"].values, lived, strict=True))
+    life = world.life if life is None else life
+    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
+    results = population_test(world, policies, **sizes, record=False, progress=progress)
+    gains, times = (
+        dict(zip(results["policy"].values, each.values.reshape(-1, worlds, cells), strict=True))
+        for each in (results["gain"], times_to_egg(results))
+    )
     greedy, limit = gains.pop(RIVAL), results.attrs.get("limit")
-    return [Contender(settings, int(name), gain, greedy, limit) for name, gain in gains.items()]
+    return [
+        Contender(settings, int(name), gain, greedy, life, limit, None if world.egg is None else times[name])
+        for name, gain in gains.items()
+    ]

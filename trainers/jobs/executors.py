@@ -37,12 +37,13 @@ def run_tasks(tasks: Sequence[Task], executor: Executor, *, title: str) -> list[
         if not future.cancelled():
             ending = f"failed: {future.exception()}" if future.exception() else "done"
             bar.say(f"{title} {count()}: {tasks[place].label} {ending}")
+            bar.show(seconds_done(), text=count())
 
     def count() -> str:
         return f"{sum(future.done() for future in list(futures.values()))}/{len(tasks)}"
 
     def seconds_done() -> float:
-        over = {place for place, future in futures.items() if future.done()}
+        over = {place for place, future in list(futures.items()) if future.done()}
         return sum(
             task.seconds * (1.0 if place in over else task.part_done()) for place, task in enumerate(tasks)
         )

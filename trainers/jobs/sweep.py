@@ -8,8 +8,9 @@ import itertools
 import json
 import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -29,7 +30,7 @@ from trainers.settings.composition import (
 from trainers.settings.schema import Settings
 from trainers.training.machine import check_machine
 from trainers.training.run import train_in
-from trainers.training.run_folder import RunError, RunFolder, is_run_folder
+from trainers.training.run_folder import RunError, RunFolder, is_run_folder, part_done
 
 FOLDER, LAUNCHER, JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
 MAX_NAME = 240  # [bytes] of a run's folder, whose temporary sibling has a name of at most 255
@@ -50,15 +51,15 @@ def sweep(words: Sequence[str]) -> None:
     launcher = check_name(LAUNCHER, own.get(LAUNCHER, "joblib"), ("basic", "joblib"))
     number = own.get(JOBS, "2")
     workers = check_count(JOBS, int(number) if number.isdecimal() else number)
-    combinations = expanded([word for word in words if not word.startswith("hydra")])
-    wanted = [settings_from(combination) for combination in combinations]
-    names = named(combinations)
-    check_different(names, wanted)
-    for settings in wanted:
+    runs = wanted(words)
+    for settings in runs.values():
         check_machine(settings)
-    folder = _sweep_folder(own.get(FOLDER), names, wanted)
-    paths = [folder / name for name in names]
-    tasks = [Task(path.name, train_in, (path, each)) for path, each in zip(paths, wanted, strict=True)]
+    folder = _sweep_folder(own.get(FOLDER), runs)
+    paths = [folder / name for name in runs]
+    tasks = [
+        Task(path.name, train_in, (path, each), part_done=partial(part_done, path, each.learning.epochs))
+        for path, each in zip(paths, runs.values(), strict=True)
+    ]
     quoted = shlex.quote(str(folder))
     print(f"{len(paths)} runs in {folder}")
     again = f"the same command with {FOLDER}={quoted} goes on with them"
@@ -70,6 +71,15 @@ def sweep(words: Sequence[str]) -> None:
     if left := sum(isinstance(outcome, BaseException) for outcome in outcomes):
         raise RunError(f"{left} of {len(paths)} runs did not finish; {again}")
     print(f"all {len(paths)} runs are in {folder}; swarm compare {quoted}/* shows them side by side")
+
+
+def wanted(words: Sequence[str]) -> dict[str, Settings]:
+    """The settings of every combination of the words, by its name; raises SettingsError or RunError."""
+    combinations = expanded([word for word in words if not word.startswith("hydra")])
+    runs = [settings_from(combination) for combination in combinations]
+    names = named(combinations)
+    check_different(names, runs)
+    return dict(zip(names, runs, strict=True))
 
 
 def expanded(words: Sequence[str]) -> list[list[str]]:
@@ -116,12 +126,12 @@ def check_different(names: Sequence[str], wanted: Sequence[Settings]) -> None:
                 raise RunError(f"combinations must differ, got seed {seed} of the same in {other} and {name}")
 
 
-def _sweep_folder(given: str | None, names: Sequence[str], wanted: Sequence[Settings]) -> Path:
+def _sweep_folder(given: str | None, runs: Mapping[str, Settings]) -> Path:
     """The folder of a sweep: the literal path that is given, or a new one of its own."""
     if not given:
         return files.reserved(f"runs/sweep-{datetime.now():%Y%m%d-%H%M%S}")
     folder = files.expanded(given)
-    for name, settings in zip(names, wanted, strict=True):
+    for name, settings in runs.items():
         _check_there(folder / name, settings)
     folder.mkdir(parents=True, exist_ok=True)
     return folder

@@ -60,7 +60,10 @@ def trial(
     (world,) = noise.check_levels(strengths, kind, world) if strengths else [world]
     if against is not None:
         options["share"] = 0.5 if share is None else share
-        results = evaluation.compete(policy, against, world, **options)
+        with Progress("contest", 1.0) as bar:
+            results = evaluation.compete(policy, against, world, **options, progress=bar.show)
         return Trial(contests.table(results), functools.partial(save_contest, results))
-    tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
+    with Progress("population test", 1.0) as bar:
+        options["progress"] = bar.show
+        tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
     return Trial(tested.table, functools.partial(save_evaluation, tested), tested)

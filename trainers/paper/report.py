@@ -53,6 +53,7 @@ the one that its validation population prefers.
 def _verdicts(claims: Sequence[Claim]) -> str:
     rows = [
         {
+            "verdict": f"**{each.verdict}**",
             "claim": each.claim,
             "recipe": each.recipe,
             "measured": f"{spread_of(each.measurement, each.spread_of_seeds)} {short(each.unit)}".strip(),
@@ -60,7 +61,6 @@ def _verdicts(claims: Sequence[Claim]) -> str:
             "criterion": each.criterion,
             "seeds": len(each.seeds) or None,
             "worst seed": number(each.worst_seed),
-            "verdict": f"**{each.verdict}**",
         }
         for each in claims
     ]
@@ -73,19 +73,22 @@ network is measured, ± is the standard deviation over its seeds; angles are pos
 counter-clockwise.
 `claims.json` holds the same in more detail.
 
-{Table.of(rows).as_markdown()}"""
+{Table.of(rows).as_markdown(texts=3)}"""
 
 
 def _results(results: Sequence[Row]) -> str:
     parts = ["## Results\n"]
     for name in dict.fromkeys(row["test"] for row in results):
         mine = [row for row in results if row["test"] == name]
-        first, rows = mine[0], [_result(row) for row in mine]
-        shown = [heading for heading in rows[0] if any(row[heading] not in (None, NOTHING) for row in rows)]
+        first, columns = mine[0], [_result(row) for row in mine]
+        lines = [(said, [column[said] for column in columns]) for said in columns[0]]
+        headings, *rows = [
+            [said, *values] for said, values in lines if any(each not in (None, NOTHING) for each in values)
+        ]
         limit = f", limit {number(first['limit'])}" if first["limit"] else ", no limit known"
         limit += f" ± {error:.2f}" if (error := first["limit_error"] or 0.0) >= 0.005 else ""
         parts.append(f"**{name}** ({first['cells']} cells, lives of at most {first['life']:g}{limit})\n")
-        parts.append(Table.of(rows, shown).as_markdown())
+        parts.append(Table(headings, rows).as_markdown())
     if any(row["authors"] for row in results):
         parts.append(
             "The authors' network is the one they published for the case, replayed in this model: gain ± std "

@@ -54,9 +54,10 @@ def tasks(planned: Sequence[Training]) -> list[Task]:
     wanted = [each for each in found.values() if not is_done(each)]
     if len(wanted) < len(found):
         print(f"{len(found) - len(wanted)} of {len(found)} trainings are finished", flush=True)
+    parts = [partial(runs.part_done, each.folder, each.settings.learning.epochs) for each in wanted]
     return [
-        Task(each.run, train_one, (each.settings, each.folder), each.decisions, partial(part_done, each))
-        for each in wanted
+        Task(each.run, train_one, (each.settings, each.folder), each.decisions, part)
+        for each, part in zip(wanted, parts, strict=True)
     ]
 
 
@@ -87,11 +88,6 @@ def is_done(training: Training) -> bool:
     aside = folder.rename(next(place for place in places if not place.exists()))
     print(f"{folder} is trained again: what was there ({reason}) is now {aside}", flush=True)
     return False
-
-
-def part_done(training: Training) -> float:
-    """The part of a run's epochs that are over, read off its timings."""
-    return len(RunFolder(training.folder).rows(runs.TIMINGS)) / training.settings.learning.epochs
 
 
 # --- what was trained ---------------------------------------------------------------------------------------

@@ -54,6 +54,9 @@ class Training:
         self.validation = Validation(world.replace(life=checked.life), checked.cells, self.seeds, device)
         self.epoch = 0
         self.decisions = 0
+        self.untrained = np.full(
+            len(self.seeds), np.nan
+        )  # validation gain before the first epoch, once known
         self.best_gain = np.full(len(self.seeds), -np.inf)
         self.best_epoch = np.zeros(len(self.seeds), np.int64)
         self.best = {name: tensor.clone() for name, tensor in self.algorithm.policy.state_dict().items()}

@@ -132,6 +132,7 @@ def train(training: Training, run: RunFolder, *, report: Report | None = None) -
     cannot be used.
     """
     settings, folder = training.settings, run.path / runs.CHECKPOINTS
+    training.untrained = training.validation.gains(training.algorithm.policy)
     _go_on(training, run)
     with _logging(training, run) as log, _interruptible() as asked_to_stop:
         while training.epoch < settings.learning.epochs:
@@ -201,22 +202,23 @@ def save_policies(training: Training, run: RunFolder) -> None:
 
 
 def draw(training: Training, run: RunFolder) -> None:
-    """The training figure: validation gain against epoch, with the limit and greedy (paper: evolution of the
-    gain).
+    """The training figure: validation gain against the decisions of a cell, from the untrained policy on,
+    with greedy and the limit (paper: evolution of the gain).
     """
     from swarm import figures
 
-    gain = training.measure("gain")
-    validated = np.flatnonzero(~np.isnan(gain[:, 0]))
+    gain = np.vstack([training.untrained, training.measure("gain")])
+    validated = ~np.isnan(gain[:, 0])
+    decisions = np.append(0, training.measure("decisions")[:, 0])
     limits = training.validation.limits
     curve = figures.Curve(
-        epoch=validated + 1,
+        moment=decisions[validated],
         gain=gain[validated].T,
         greedy=float(training.validation.greedy.mean()),
         limit=None if limits is None else float(limits.mean()),
     )
     titled = {figures.plain(training.settings.experiment): curve}
-    figure = figures.training(titled, policy=training.settings.algorithm)
+    figure = figures.training(titled, policy=training.settings.algorithm, label="decisions of each cell")
     figures.save(figure, run.path / runs.FIGURE)
 
 

@@ -156,6 +156,11 @@ class RunFolder:
         return [row for row in whole if row.get("epoch", "").isdecimal()]
 
 
+def part_done(folder: Path, epochs: int) -> float:
+    """The part of a run's epochs that are over, read off its timings."""
+    return len(RunFolder(folder).rows(TIMINGS)) / epochs
+
+
 class _PlainLoader(yaml.SafeLoader):
     """Plain data only; aliases, with which a small file can stand for an endless one, are refused."""
 

@@ -9,6 +9,7 @@ frozen at a time, and may have `max_rate`, a bound of |∂c/∂t|; scales, bound
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -16,6 +17,7 @@ from swarm._support.arrays import Array
 from swarm._support.registry import Registry
 
 FIELDS = Registry("field", "chemoswarm.fields")
+OFF = 2.0 * (1 + 1e-3)  # times that a scale may be too large or too small
 
 
 @runtime_checkable
@@ -30,6 +32,13 @@ class Field(Protocol):
     def concentration(self, position: Array) -> Array:
         """Concentration (...) at `position` (..., 2)."""
         ...
+
+
+def warn_of_scale(given: float, typical: float, where: str) -> None:
+    """Warns where a `gradient_scale` is off by more than `OFF` from the typical gradient."""
+    if not typical / OFF <= given <= typical * OFF:
+        rule = "gradient_scale normalises what cells sense, and should be about the root mean square of |∇c|"
+        warnings.warn(f"{rule}: {typical:.3g} {where}, got {given:g}", stacklevel=2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,9 @@ class FunctionField(Checked):
     """A field from a plain function `concentration = function(position)`, with position (..., 2) of any array
     library.
 
-    c_k cannot be guessed from a function, so it must be given. With `max_gradient`, a bound of |∇c|, the
-    observation space is bounded by it.
+    c_k cannot be guessed from a function, so it must be given: about the root mean square of |∇c| where
+    lives start, and a world warns of one that is off by more than twice. With `max_gradient`, a bound of
+    |∇c|, the observation space is bounded by it.
     """
 
     function: Callable[[Array], Array] = parameter(MISSING, check_function)

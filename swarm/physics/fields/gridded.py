@@ -9,7 +9,7 @@ import numpy as np
 
 from swarm._support.arrays import Array
 from swarm._support.checks import check_number, check_pair
-from swarm.physics.fields.field import FIELDS
+from swarm.physics.fields.field import FIELDS, warn_of_scale
 from swarm.physics.grids.axes import SPACING_TOLERANCE
 from swarm.physics.grids.grid import Reading, read_grid
 from swarm.physics.grids.interpolant import NEGLIGIBLE, Interpolant
@@ -29,7 +29,8 @@ class GriddedField(Interpolant):
     outside the domain; "nearest", as the nearest value; "zero". Data with an axis `time` are linear in time;
     `outside_time` says what holds outside it, "held" or an "error", and `at(time)` is the field at a time.
 
-    Without a `gradient_scale` c_k is measured: the root mean square of |∇c| over the grid (and time).
+    Without a `gradient_scale` c_k is measured: the root mean square of |∇c| over the grid (and time); one
+    that is off from it by more than twice is warned of.
     `variable` may be left out where the data hold only one. `sha256` and `shape`, as runs and results record
     them, must be those of the data and their grid. Raises TypeError, ValueError or OSError that names the
     variable, the rule and the value.
@@ -57,12 +58,16 @@ class GriddedField(Interpolant):
         grid = read_grid(data, names, reading, sha256)
         super().__init__(grid, reading, shape)
         self.length_unit = check_units(grid.units)
+        _, slope_x, slope_y = self.spline.at_points()
+        measured = float(np.sqrt(np.mean((slope_x**2 + slope_y**2)[..., grid.known])))
+        has_gradient = measured > NEGLIGIBLE * np.abs(grid.values).max() / min(grid.lattice.spacing)
         if gradient_scale is None:
-            _, slope_x, slope_y = self.spline.at_points()
-            gradient_scale = float(np.sqrt(np.mean((slope_x**2 + slope_y**2)[..., grid.known])))
-            if gradient_scale <= NEGLIGIBLE * np.abs(grid.values).max() / min(grid.lattice.spacing):
+            if not has_gradient:
                 raise ValueError("gradient_scale must be given where the field has no gradient, got None")
+            gradient_scale = measured
         self.gradient_scale = check_number("gradient_scale", gradient_scale, above=0.0)
+        if has_gradient:
+            warn_of_scale(self.gradient_scale, measured, "over the grid")
         _, slopes = self.spline.bounds()
         self.max_gradient = float(np.hypot(*slopes[0]))
         if grid.times is not None:

@@ -35,6 +35,7 @@ from swarm.physics.motion.swimmer import Swimmer
 from swarm.physics.perception import Memory, MemoryWithFlow, Sensor, check_sensor
 from swarm.physics.rewards import Reward, check_reward
 from swarm.physics.world.rules import as_data, check_curvatures, check_field, check_flow, check_times
+from swarm.physics.world.scale import check_scale
 
 Array = Any
 
@@ -107,6 +108,7 @@ class Parameters(Checked):
         except ArithmeticError:
             raise ValueError(f"flow must vary slowly enough to be followed, got {self.flow!r}") from None
         self._check_company()
+        check_scale(self)
 
     def _check_company(self) -> None:
         """Raises ValueError where what cells share does not go with the rest."""

@@ -20,6 +20,7 @@ PARTS = {"field": FIELDS, "flow": FLOWS, "sensor": SENSORS, "reward": REWARDS}  
 
 
 def check_field(name: str, value: Any) -> Field:
+    _check_made_up(name, value, "concentration", "Field", "gradient_scale=…) with the typical |∇c|")
     field = FIELDS.make(value)
     check_methods(name, field, ["concentration"], ["gradient_scale"])
     check_number(f"{name}.gradient_scale", field.gradient_scale, above=0.0)
@@ -28,12 +29,24 @@ def check_field(name: str, value: Any) -> Field:
 
 
 def check_flow(name: str, value: Any) -> Flow:
+    scales = "speed_scale=…, spin_scale=…) with about the largest speed and spin"
+    _check_made_up(name, value, "velocity", "Flow", scales)
     flow = FLOWS.make(value)
     check_methods(name, flow, ["velocity", "spin"], ["speed_scale", "spin_scale"])
     for scale in ("speed_scale", "spin_scale"):
         check_number(f"{name}.{scale}", getattr(flow, scale), at_least=0.0)
     _check_options(name, flow)
     return flow
+
+
+def _check_made_up(name: str, value: Any, method: str, kind: str, scales: str) -> None:
+    """Raises TypeError for a bare function, or bare data, with what makes a part of a world of it."""
+    if hasattr(value, "shape") or hasattr(value, "data_vars"):
+        made = f"swarm.Gridded{kind}(data, edges=…) of data on a grid"
+        raise TypeError(f"{name} must be an object, {made}, got {type(value).__name__}")
+    if callable(value) and not isinstance(value, type) and not hasattr(value, method):
+        made = f"swarm.Function{kind}(function, {scales}"
+        raise TypeError(f"{name} must be an object with its scale, {made}, got {value!r}")
 
 
 def _check_options(name: str, part: Any) -> None:

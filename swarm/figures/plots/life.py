@@ -54,42 +54,41 @@ def comparison(
 ) -> Figure:
     """One cell under each policy: (a) its curvature during a `window` of time, (b) its path, (c) its gain.
 
-    `enlarged` shows the path of the window once more, larger.
+    `policies` are by default all; `enlarged` shows the path of the window once more, larger.
     """
-    everyone = dict.fromkeys([*style.chosen_policies(results), *results["policy"].values.astype(str)])
-    chosen = style.chosen_policies(results, policies or list(everyone)[:3])
+    chosen = style.chosen_policies(results, policies)
     figure = style.canvas(1.0, 0.52)
     columns = figure.add_gridspec(1, 3, width_ratios=(1.0, 1.35, 1.0))
     lanes = columns[0].subgridspec(len(chosen), 1, hspace=0.12).subplots(sharex=True, squeeze=False)[:, 0]
+    looks = style.looks(chosen)
     for axes, name in zip(lanes, chosen, strict=True):
-        _curvature_lane(axes, results, world, name, cell, window)
+        _curvature_lane(axes, results.sel(policy=name).isel(cell=cell), world, looks[name], window)
+        axes.set_ylim(top=world.curvatures[-1] + (0.3 + 0.08 * len(chosen)) * np.ptp(world.curvatures))
     lanes[-1].set_xlabel("time $t$")
     path, gain = figure.add_subplot(columns[1]), figure.add_subplot(columns[2])
-    _paths_panel(path, results, world, chosen, cell, window if enlarged else None)
-    _gain_panel(gain, results, chosen, cell)
+    _paths_panel(path, results, world, looks, cell, window if enlarged else None)
+    _gain_panel(gain, results, looks, cell)
     style.lettered([lanes[0], path, gain])
     return figure
 
 
 def _curvature_lane(
-    axes: Axes, results: xr.Dataset, world: World, policy: str, cell: int, window: tuple[float, float]
+    axes: Axes, life: xr.Dataset, world: World, look: style.Look, window: tuple[float, float]
 ) -> None:
-    life, look = results.sel(policy=policy).isel(cell=cell), style.look(policy)
     time, curvature = life["time"].values, life["curvature"].values
     shown = np.isfinite(time) & (time <= window[1] + 2 * max(world.intervals))
     axes.stairs(curvature[shown][1:], time[shown], baseline=None, color=look.colour, linewidth=1.2)
     least, most = world.curvatures[0], world.curvatures[-1]
-    span = most - least
-    axes.set(xlim=window, ylim=(least - 0.25 * span, most + 0.55 * span))
+    axes.set(xlim=window, ylim=(least - 0.25 * (most - least), most))
     axes.set(yticks=world.curvatures, ylabel=r"$\kappa$")
     where: dict[str, Any] = {"transform": axes.transAxes, "ha": "right", "va": "top", "fontsize": 8}
     axes.text(0.99, 0.98, look.label, color=look.colour, **where)
 
 
-def _gain_panel(axes: Axes, results: xr.Dataset, policies: Sequence[str], cell: int) -> None:
+def _gain_panel(axes: Axes, results: xr.Dataset, looks: Mapping[str, style.Look], cell: int) -> None:
     marks, ends = [], {}
-    for name in reversed(policies):
-        life, look = results.sel(policy=name).isel(cell=cell), style.look(name)
+    for name, look in reversed(list(looks.items())):
+        life = results.sel(policy=name).isel(cell=cell)
         alive = np.isfinite(life["concentration"].values)
         time, concentration = life["time"].values[alive], life["concentration"].values[alive]
         gain = concentration - concentration[0]
@@ -98,6 +97,8 @@ def _gain_panel(axes: Axes, results: xr.Dataset, policies: Sequence[str], cell: 
         ends[name] = float(time[-1])
     steered = [end for name, end in ends.items() if name != "swinging"]
     axes.set(xlabel="time $t$", ylabel=r"gain $c(t) - c(0)$", xlim=(0, max(steered or ends.values())))
+    for (height, _, colour), end in zip(marks, ends.values(), strict=True):  # of lives that were over earlier
+        axes.hlines(height, end, max(end, axes.get_xlim()[1]), color=colour, linewidth=0.5, linestyle=":")
     style.label_beside(axes, marks)
 
 
@@ -105,24 +106,24 @@ def _paths_panel(
     axes: Axes,
     results: xr.Dataset,
     world: World,
-    policies: Sequence[str],
+    looks: Mapping[str, style.Look],
     cell: int,
     window: tuple[float, float] | None,
 ) -> None:
-    paths = {name: path_of(results, world, name, cell) for name in policies}
-    for name in reversed(policies):
-        axes.plot(*paths[name].T, color=style.look(name).colour, linewidth=0.6)
+    paths = {name: path_of(results, world, name, cell) for name in looks}
+    for name in reversed(list(looks)):
+        axes.plot(*paths[name].T, color=looks[name].colour, linewidth=0.6)
     style.mark_start(axes, results, cell)
     axes.set(xlabel="$x$", ylabel="$y$")
     shown = {}
-    for name in policies:
+    for name in looks:
         if window is not None and name != "swinging":
             time = results["time"].sel(policy=name).isel(cell=cell).values
             first, last = np.searchsorted(time[np.isfinite(time)], window)
             shown[name] = paths[name][max(0, first - 1) * POINTS : last * POINTS + 1]
     _fit(axes, free=ENLARGED if shown else 0.0)
     if shown:
-        _enlarge(axes, shown, results, cell)
+        _enlarge(axes, shown, looks, results, cell)
 
 
 def _fit(axes: Axes, *, free: float) -> None:
@@ -134,14 +135,20 @@ def _fit(axes: Axes, *, free: float) -> None:
     axes.set_box_aspect(TALL)
 
 
-def _enlarge(axes: Axes, shown: Mapping[str, np.ndarray], results: xr.Dataset, cell: int) -> None:
+def _enlarge(
+    axes: Axes,
+    shown: Mapping[str, np.ndarray],
+    looks: Mapping[str, style.Look],
+    results: xr.Dataset,
+    cell: int,
+) -> None:
     corners = np.concatenate(list(shown.values()))
     low, high = corners.min(axis=0), corners.max(axis=0)
     tall = 0.5 * TALL / ENLARGED  # height of the enlarged part, per width
     (x, y), half = (low + high) / 2, 0.54 * max(high[0] - low[0], (high[1] - low[1]) / tall)
     inset = axes.inset_axes((0.99 - ENLARGED, 0.02, ENLARGED, 0.5))
     for name, path in reversed(list(shown.items())):
-        inset.plot(*path.T, color=style.look(name).colour, linewidth=0.9)
+        inset.plot(*path.T, color=looks[name].colour, linewidth=0.9)
     style.mark_start(inset, results, cell)
     inset.set(xlim=(x - half, x + half), ylim=(y - tall * half, y + tall * half), xticks=[], yticks=[])
     inset.spines[:].set_visible(True)
