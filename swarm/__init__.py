@@ -109,7 +109,9 @@ __all__ = [
 ]
 
 for _kind, _maker in (("parallel", "parallel_env"), ("aec", "env")):
-    _pettingzoo.register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=f"swarm.sperm_swarm_v0:{_maker}")
+    if hasattr(_pettingzoo, "register"):  # from PettingZoo 1.27 on
+        _entry = f"swarm.sperm_swarm_v0:{_maker}"
+        _pettingzoo.register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=_entry)
 _gymnasium.register(
     "chemoswarm/SpermSwarm-v0",
     entry_point="swarm.envs.single:SpermSwimmer",
