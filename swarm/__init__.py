@@ -45,6 +45,7 @@ from swarm.physics.perception import SENSORS as sensors
 from swarm.physics.rewards import REWARDS as rewards
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
+from swarm.policies.adaptive import AdaptiveSteering
 from swarm.policies.strategies import FromObservation, Greedy, Random, Swinging
 
 # Loaded when they are first asked for: they need SciPy, xarray or time.
@@ -60,6 +61,7 @@ _LAZY = {
 }
 
 __all__ = [
+    "AdaptiveSteering",
     "Contact",
     "DiffusingSource",
     "Dipole",
