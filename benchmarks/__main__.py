@@ -18,7 +18,15 @@ from benchmarks.tables import as_text
 from swarm._support import files, provenance
 
 KEPT = Path("runs/benchmarks")
-NAMES = ("pettingzoo_path", "batched_path", "training_path", "same_goal", "crowd_path", "exact_solutions")
+NAMES = (
+    "pettingzoo_path",
+    "batched_path",
+    "training_path",
+    "same_goal",
+    "crowd_path",
+    "exact_solutions",
+    "adaptive_cell",
+)
 
 
 def processor() -> str:

@@ -1,6 +1,6 @@
 """The adaptive cell: curvature follows a signal to whose level the cell adapts, as biologists model sperm.
 
-An output a and a sensitivity p answer to the signal s = c/c_k (Friedrich and Jülicher, PNAS 104 (2007) 13256):
+Output a and sensitivity p answer to the signal s = c/c_k (Friedrich and Jülicher, PNAS 104, 13256, 2007):
 
     σ ȧ = p s − a,        μ ṗ = p (1 − a),        κ = κ̄ + g (a − 1).
 
@@ -11,13 +11,22 @@ answers with χ = (1/s₀) iωμ/(1 + iωμ − σμω²).
 from __future__ import annotations
 
 import cmath
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from swarm._support.arrays import as_array, look_up, namespace
-from swarm._support.checks import Checked, check_flag, check_name, check_number, check_pair, optional, parameter
+from swarm._support.checks import (
+    Checked,
+    check_flag,
+    check_name,
+    check_number,
+    check_pair,
+    optional,
+    parameter,
+)
 from swarm.physics.motion.swimmer import Way
 from swarm.physics.world import State, World
 from swarm.policies import continuous
@@ -55,8 +64,9 @@ class AdaptiveSteering(Checked):
     the curvature follows all the time, and the signal is the concentration where the cell is: with the noise
     of a record for the interval that it ends, with the bindings of each step where they are counted. Two
     gains with a `decision` are those below and above a signal of this level, to which 1/p has adapted
-    (decision making: Kromer et al., PLOS Comput. Biol. 14 (2018) e1006109). None takes σ = 3/ω, μ = 1/ω
-    and g = 80 κ̄ of the world, ω = v κ̄. Raises TypeError or ValueError that names the parameter and its rule.
+    (decision making: Kromer et al., PLOS Comput. Biol. 14 (2018) e1006109). None takes σ = 3/ω, sampled less
+    ΔT/2, by which decisions are late, μ = 1/ω and g = 80 κ̄ of the world, ω = v κ̄. Raises TypeError or
+    ValueError that names the parameter and its rule.
     """
 
     relaxation: float | None = parameter(None, optional(check_number), above=0.0)  # σ [time]
@@ -81,14 +91,16 @@ class AdaptiveSteering(Checked):
         xp = namespace(state.memory)
         level = xp.mean(state.memory[..., 0], axis=-1) / world.mean_curvature
         one = xp.ones_like(level)
-        return Adaptation(one, -xp.log(xp.clip(level, np.exp(-MOST), None)), xp.zeros_like(level))
+        return Adaptation(one, -xp.log(xp.clip(level, math.exp(-MOST), None)), xp.zeros_like(level))
 
     def act_carrying(
         self, world: World, state: State, uniform: Array, carry: Adaptation
     ) -> tuple[Array, Adaptation]:
         """Actions (..., cells) of sampled steering, and what is carried on."""
         if self.continuous:
-            raise ValueError("continuous steering must be in a population test, a sweep or a film, got a decision")
+            raise ValueError(
+                "continuous steering must be in a population test, a sweep or a film, got a decision"
+            )
         xp = namespace(state.memory)
         newest, before = (state.memory[..., i, 0] / world.mean_curvature for i in (0, 1))
         intervals = as_array(np.asarray(world.intervals), newest)
@@ -104,11 +116,10 @@ class AdaptiveSteering(Checked):
     def times(self, world: World) -> tuple[float, float]:
         """σ and μ [time]."""
         unit = 1 / (world.mean_curvature * max(world.action_speeds))
-        return self.relaxation or 3 * unit, self.adaptation or unit
+        late = 0.0 if self.continuous else 0.5 * max(world.intervals)
+        return self.relaxation or 3 * unit - late, self.adaptation or unit
 
-    def swim(
-        self, world: World, state: State, noise: Array, carry: Adaptation
-    ) -> tuple[Way, Adaptation]:
+    def swim(self, world: World, state: State, noise: Array, carry: Adaptation) -> tuple[Way, Adaptation]:
         """The way (..., cells) of continuous steering to the next decision, and what is carried on."""
         way, output, sensitivity = continuous.swim(self, world, state, noise, carry[:2])
         return way, Adaptation(output, sensitivity, carry.owed)
@@ -122,7 +133,7 @@ class AdaptiveSteering(Checked):
         return tuple(one + (end - world.mean_curvature) / gain for end in ends)
 
     def curvature(self, world: World, output: Array, gain: Array, region: Array = None) -> Array:
-        """κ (..., cells) that the cell swims with [1 / length]; region counts the `levels` below its output."""
+        """κ (..., cells) of an output [1 / length]; region counts the `levels` below it."""
         xp = namespace(output)
         wanted = world.mean_curvature + gain * (output - 1)
         if self.mode == "linear" and not self.clip:
@@ -146,9 +157,9 @@ class AdaptiveSteering(Checked):
         −(v g r₀² |∇s| |χ|/2) sin(arg χ) and (v g r₀² |∇s| |χ|/2) cos(arg χ), r₀ = 1/κ̄.
         """
         response = self.susceptibility(world, level)
-        gain = float(self.gain_at(world, np.asarray(-np.log(level))))
+        gain = float(self.gain_at(world, np.asarray(-math.log(level))))
         size = 0.5 * max(world.action_speeds) * gain * slope * abs(response) / world.mean_curvature**2
-        return -size * np.sin(cmath.phase(response)), size * np.cos(cmath.phase(response))
+        return -size * math.sin(cmath.phase(response)), size * math.cos(cmath.phase(response))
 
     def gain_at(self, world: World, sensitivity: Array) -> Array:
         """g (..., cells) of cells with this ln p [1 / length]."""
@@ -156,7 +167,7 @@ class AdaptiveSteering(Checked):
         if not isinstance(gain, tuple) or self.decision is None:
             return xp.full_like(sensitivity, gain)
         low, high = (xp.full_like(sensitivity, each) for each in gain)
-        return xp.where(sensitivity < -np.log(self.decision), high, low)
+        return xp.where(sensitivity < -math.log(self.decision), high, low)
 
     def rates(self, world: World, signal: Array, output: Array, sensitivity: Array) -> tuple[Array, Array]:
         """Of a and ln p (..., cells) [1 / time]; a concentration below 0 counts as 0."""
@@ -186,9 +197,11 @@ class AdaptiveSteering(Checked):
 
     def steps(self, world: World) -> int:
         """How many steps an interval takes."""
-        quickest = max(world.mean_curvature * max(world.action_speeds), *(1 / time for time in self.times(world)))
+        quickest = max(
+            world.mean_curvature * max(world.action_speeds), *(1 / time for time in self.times(world))
+        )
         quickest = max(quickest, world.flow.spin_scale, world.curvatures[-1] * world.fastest)
         steps = max(world.intervals) * quickest / RADIANS
         if world.egg is not None and self.continuous:  # the path is looked at between steps
             steps = max(steps, max(world.intervals) / world.time_step)
-        return int(np.ceil(steps - 1e-9))
+        return math.ceil(steps - 1e-9)

@@ -29,8 +29,8 @@ def check_alone(world: World) -> None:
     speeds, intervals = set(world.action_speeds), set(world.intervals)
     if world.interactions or world.medium is not None or len(speeds) > 1 or len(intervals) > 1:
         raise ValueError(
-            "continuous steering must be in a world of one speed, without interactions and medium, got speeds "
-            f"{world.action_speeds}, {len(world.interactions)} interactions and medium={world.medium}"
+            "continuous steering must be in a world of one speed, without interactions and medium, got "
+            f"speeds {world.action_speeds}, {len(world.interactions)} interactions and medium={world.medium}"
         )
 
 
@@ -74,7 +74,7 @@ class _Cells(NamedTuple):
 def swim(
     steering: Steering, world: World, state: State, noise: Array, response: tuple[Array, Array]
 ) -> tuple[Way, Array, Array]:
-    """The way (..., cells) to the next decision, and the response at its end; noise as `World.step` takes it."""
+    """The way (..., cells) to the next decision, and the response then; noise as `World.step` takes it."""
     interval, kick = world.interval(state, np.zeros(state.finished.shape, np.int32), noise)
     factor = 1.0 if state.factors is None else state.factors[..., 1]
     cells = _Cells(steering, world, interval, factor, 0.0 if kick is None else kick)
@@ -82,7 +82,7 @@ def swim(
     step, began = interval.length / count, world.time(state)
     values = np.stack([state.position[..., X], state.position[..., Y], world.heading_angle(state), *response])
     values = np.concatenate([values, np.zeros_like(values[:1])])
-    path = []
+    path: list[Array] = []
     for number in range(count):
         origin = join(values[X], values[Y])
         if (inside := inside_all(world.domains, origin)) is not None:

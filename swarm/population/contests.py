@@ -25,7 +25,7 @@ from swarm._support.tables import Table, percent
 from swarm.physics.perception import SENSORS, Memory, Sensor, Situation
 from swarm.physics.starts import draw_worlds
 from swarm.physics.world import State, World
-from swarm.policies.policy import AnyPolicy, begin, check_policy, decide
+from swarm.policies.policy import AnyPolicy, begin, check_policy, decide, is_continuous
 from swarm.population.contest import memory_needed
 from swarm.population.results import origin
 from swarm.population.rollout import rollout
@@ -103,6 +103,8 @@ def _counts(
     """How many cells each policy steers: its share, and what rounding leaves to the largest remainders."""
     for name, policy in policies.items():
         check_policy(name, policy)
+        if is_continuous(policy):
+            raise ValueError(f"policy {name!r} must take actions in a contest, got {policy!r}")
     if len(policies) < 2:
         raise ValueError(f"policies must be at least two, got {list(policies)}")
     shares = dict.fromkeys(policies, 1.0) if shares is None else shares

@@ -1,72 +1,163 @@
-"""The adaptive cell: its response, its drift against the exact one, its steering continuous and sampled."""
+"""The adaptive cell: its response, sampled and continuous, on every array library and under noise.
 
-import math
-import subprocess
+Its drift and its way against exact ones are held in tests/physics/test_exact.py.
+"""
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from swarm._support import streams
-from swarm.physics.motion.arc import centre_of_curvature
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
-from swarm.policies.adaptive import AdaptiveSteering
-from swarm.policies.policy import lived
+from swarm.policies.adaptive import Adaptation, AdaptiveSteering
+from swarm.policies.strategies import Greedy
 from swarm.population.contest import population_test
 from swarm.population.contests import contest
 from swarm.population.evaluation import evaluate
 from swarm.population.rollout import rollout
 from tests.reference import array, to_numpy
 
-FAR = {"start_box": ((0, 0), (2000, 2000))}  # where a circle's own size is a thousandth of its distance
-ON_OFF = {"mode": "on_off"}
+STEERINGS = [{}, {"mode": "on_off"}, {"clip": False}, {"gain": (40.0, 320.0), "decision": 25.0}]
 
 
-def integrated(world, steering, start, life):
-    """Position, heading, a and ln p at the end of a life by DOP853 at 1e-12; kinks are crossed by small steps."""
-    sigma, mu = steering.times(world)
-    gain = steering.gain if steering.gain is not None else 80 * world.mean_curvature
-
-    def rates(time, values):
-        x, y, heading, output, sensitivity = values
-        place = np.array([x, y])
-        wanted = world.mean_curvature + gain * (output - 1)
-        low, high = world.curvatures[0], world.curvatures[-1]
-        if steering.mode == "on_off":
-            wanted = high if output > 1 else low
-        elif steering.clip:
-            wanted = min(max(wanted, low), high)
-        u, v = world.flow.velocity(place)
-        signal = world.field.concentration(place) / world.field.gradient_scale
-        return [
-            world.speed * math.cos(heading) + u,
-            world.speed * math.sin(heading) + v,
-            world.speed * wanted + world.flow.spin(place),
-            (math.exp(sensitivity) * signal - output) / sigma,
-            (1 - output) / mu,
-        ]
-
-    step = 1e-3 if steering.mode == "on_off" or steering.clip else np.inf
-    found = solve_ivp(rates, (0, life), start, "DOP853", rtol=1e-12, atol=1e-12, max_step=step)
-    return found.y[:, -1]
+def carried(state, xp=np):
+    """A carry (2, cells) that is somewhere."""
+    draw = np.random.default_rng(0)
+    shape = state.finished.shape
+    return Adaptation(*(array(xp, mean + 0.01 * draw.normal(size=shape)) for mean in (1.0, -3.0, 0.0)))
 
 
-@pytest.mark.parametrize("flow", ["still", "taylor_green"])
-@pytest.mark.parametrize(
-    ("steering", "allowed"),
-    [({"clip": False}, 1e-8), ({"clip": True}, 1e-6), (ON_OFF, 1e-3)],  # DOP853 meets the jump in steps of 1e-3
-    ids=["unclipped", "clipped", "on-off"],
-)
-def test_continuous_steering_is_that_of_an_independent_integration(flow, steering, allowed):
-    world = World(flow=flow, life=3.0)
-    policy = AdaptiveSteering(continuous=True, **steering)
-    starts = draw_starts(world, 3, 4)
-    *_, last = rollout(world, policy, starts, 4)
-    for cell in range(3):
-        state = world.start(*starts)
+@pytest.mark.parametrize("options", STEERINGS, ids=str)
+def test_sampled_steering_is_the_same_on_every_array_library(xp, options):
+    world, policy = World(curvatures=(3.0, 4.0, 5.0), varying_speed=True), AdaptiveSteering(**options)
+    starts = draw_starts(world, 6, 1)
+    two = [np.stack([part, part[::-1]]) for part in starts]
+    expected = None
+    for library in (np, xp):
+        state = world.start(*(array(library, part) for part in two))
         first = policy.begin(world, state)
-        start = [*starts.position[cell], starts.heading[cell], 1.0, first.sensitivity[cell]]
-        x, y, heading, *_ = integrated(world, policy, start, 3.0)
-        found = [*last.state.position[cell], *last.state.heading[cell]]
-        np.testing.assert_allclose(found, [x, y, np.cos(heading), np.sin(heading)], atol=allowed)
+        np.testing.assert_allclose(
+            np.exp(to_numpy(first.sensitivity)) * to_numpy(state.memory)[..., 0].mean(-1), 4
+        )
+        found = policy.act_carrying(world, state, None, carried(state, library))
+        flat = [to_numpy(part) for part in (found[0], *found[1])]
+        expected = expected or flat
+        for one, other in zip(flat, expected, strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-12)
+
+
+def test_at_a_constant_signal_the_cell_adapts_and_swims_a_circle():
+    world = World(field={"type": "linear", "gradient_scale": 1e-9}, life=4.0)
+    policy = AdaptiveSteering(continuous=True, clip=False)
+    *_, last = rollout(world, policy, draw_starts(world, 3, 0), 0)
+    np.testing.assert_allclose(world.curvature(last.state), world.mean_curvature, atol=1e-6)
+
+
+def test_many_samples_steer_as_continuously():
+    many = World(n_records=32, curvatures=tuple(np.linspace(3, 5, 33)), interval_rule="exact", life=4.0)
+    found = population_test(
+        many,
+        {
+            "often": AdaptiveSteering(0.75, 0.25, 100.0),
+            "always": AdaptiveSteering(0.75, 0.25, 100.0, continuous=True),
+        },
+        cells=4,
+        record=False,
+        limit=False,
+        life=4.0,
+    )["gain"]
+    np.testing.assert_allclose(found.sel(policy="often"), found.sel(policy="always"), atol=0.1)
+
+
+def test_two_curvatures_take_turns_so_that_on_average_the_wanted_one_is_swum():
+    world, policy = World(), AdaptiveSteering(gain=0.5)
+    state = world.start(*draw_starts(world, 5, 0))
+    carry = policy.begin(world, state)
+    actions = []
+    for _ in range(40):  # a stays near 1: 4, between the two
+        action, carry = policy.act_carrying(world, state, None, carry)
+        actions.append(action)
+    np.testing.assert_allclose(np.mean(actions, axis=0), 0.5, atol=0.05)
+
+
+@pytest.mark.parametrize("life", [0.3, 4.1])
+@pytest.mark.parametrize("field", ["linear", "radial"])
+def test_a_continuous_life_ends_when_any_other_does(life, field):
+    world, policy = World(field=field, life=life), AdaptiveSteering(mode="on_off", continuous=True)
+    found = population_test(world, {"a": policy}, cells=5, life=life)
+    free = ~found["arrived"]
+    np.testing.assert_allclose(found["lifetime"].where(free), life * free.where(free), rtol=1e-12)
+    assert ((found["curvature"] >= 3 - 1e-6) & (found["curvature"] <= 5 + 1e-6)).sel(policy="a").sum() > 0
+    assert (found["lifetime"] > 0).all()
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        {"binding_rate": 50.0},
+        {"concentration_noise": 0.1},
+        {"rotational_diffusion": 0.01},
+        {"curvature_noise": 0.2},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("continuous", [True, False])
+def test_every_noise_reaches_the_cell_and_repeats(noise, continuous):
+    policy = {"a": AdaptiveSteering(continuous=continuous)}
+    still, noisy, again = (
+        population_test(World(**words), policy, cells=2, life=3.0, seed=2, limit=False)
+        for words in ({}, noise, noise)
+    )
+    assert noisy["gain"].identical(again["gain"])
+    assert (np.abs(noisy["gain"] - still["gain"]) > 1e-9).sel(policy="a").all()
+
+
+def test_divided_numbers_are_even_and_independent():
+    parents = np.random.default_rng(0).random(20_000)
+    first, second = (streams.divided(parents, number) for number in (0, 1))
+    for numbers in (first, second):
+        assert ((numbers >= 0) & (numbers < 1)).all()
+        assert np.abs(np.histogram(numbers, 10, (0, 1))[0] / 2000 - 1).max() < 0.1
+    assert np.abs(np.corrcoef([parents, first, second])[np.triu_indices(3, 1)]).max() < 0.03
+
+
+def test_the_gain_is_decided_by_the_level_that_the_cell_has_adapted_to():
+    world, policy = World(), AdaptiveSteering(gain=(1.0, 2.0), decision=25.0)
+    found = policy.gain_at(world, -np.log(np.array([20.0, 24.9, 25.1, 30.0])))
+    assert found.tolist() == [1.0, 1.0, 2.0, 2.0]
+
+
+def test_it_stands_in_the_same_tables_and_races_sampled():
+    done = evaluate("adaptive_on_off", World(), experiment="own", cells=8, life=60.0)
+    assert done.summary["gain"]["fraction_of_limit"] > 0.8
+    race = World(field="radial", first_arrivals=1, start_box=((-3, 3), (-3, 3)), life=30.0)
+    assert (
+        contest(race, {"a": AdaptiveSteering(mode="on_off"), "b": Greedy()}, cells=4, worlds=2)["won"].sum()
+        > 0
+    )
+    with pytest.raises(ValueError, match="policy 'a' must take actions in a contest"):
+        contest(race, {"a": AdaptiveSteering(continuous=True), "b": Greedy()}, cells=4, worlds=2)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"relaxation": 0.0}, "relaxation must be a finite number above 0, got 0.0"),
+        ({"gain": (1.0, -2.0), "decision": 3.0}, "gain must be a number above 0, or two, got"),
+        ({"gain": (1.0, 2.0)}, "decision must go with two gains, got None"),
+        ({"decision": 2.0}, "decision must go with two gains, got 2.0 with gain=None"),
+        ({"mode": "onoff"}, "did you mean 'on_off'"),
+        ({"gain": (1, 2), "decision": 3, "mode": "on_off"}, "decision must go with mode='linear', got 3"),
+    ],
+    ids=str,
+)
+def test_parameters_have_rules(options, message):
+    with pytest.raises(ValueError, match=message.replace("(", r"\(")):
+        AdaptiveSteering(**options)
+
+
+@pytest.mark.parametrize("options", [{"varying_speed": True}, {"interactions": ["contact"]}], ids=str)
+def test_continuous_steering_needs_a_world_that_it_can_swim_in(options):
+    policy = {"a": AdaptiveSteering(continuous=True)}
+    with pytest.raises(ValueError, match="continuous steering must be in a world of one speed"):
+        population_test(World(**options), policy, cells=3, life=2.0)

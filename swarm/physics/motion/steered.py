@@ -43,7 +43,9 @@ def advanced(
         step = np.where(crossed, np.sign(_at(found, place) - region), 0)
         level = np.choose(region + np.minimum(step, 0), levels, mode="clip")
         slopes = rates(points, parts, region)[:, watched]
-        ends = [_at(each, at) for each in (points[:, watched] - level, slopes, parts) for at in (place - 1, place)]
+        ends = [
+            _at(each, at) for each in (points[:, watched] - level, slopes, parts) for at in (place - 1, place)
+        ]
         when = np.where(crossed, _crossing(*ends), begun + left)
         points, _ = _step(rates, values, begun, when - begun, region)
         values, left, begun, region = points[-1], left + begun - when, when, region + step
@@ -58,9 +60,7 @@ def _at(points: Array, place: Array) -> Array:
     return np.take_along_axis(points, place[None], axis=0)[0]
 
 
-def _step(
-    rates: Rates, values: Array, begun: Array, length: Array, region: Array
-) -> tuple[Array, Array]:
+def _step(rates: Rates, values: Array, begun: Array, length: Array, region: Array) -> tuple[Array, Array]:
     """One step without a kink, by Picard sweeps: values (points, variables, ..., cells) and times at its
     start, its nodes and its end.
     """
@@ -75,7 +75,9 @@ def _step(
     return np.concatenate([values[None], nodes, end[None]]), np.stack([begun, *parts, begun + length])
 
 
-def _crossing(start: Array, end: Array, slope: Array, slope_after: Array, begun: Array, ended: Array) -> Array:
+def _crossing(
+    start: Array, end: Array, slope: Array, slope_after: Array, begun: Array, ended: Array
+) -> Array:
     """When the cubic with these values and slopes at two times is 0, by Newton's method."""
     length = ended - begun
     change, rise, rise_after = end - start, slope * length, slope_after * length

@@ -118,7 +118,9 @@ class World(Parameters):
                 pose, _ = kept(self.domains, self.swimmer.swim_back(pose, curvature, speed, interval), pose)
         return records
 
-    def step(self, state: State, action: Array, noise: Array = None, way: Any = None) -> tuple[State, Outcome]:
+    def step(
+        self, state: State, action: Array, noise: Array = None, way: Any = None
+    ) -> tuple[State, Outcome]:
         """One decision of every cell, whatever its length; a finished cell stays where it is, and one that
         leaves the domain where it was before: fields and flows are not asked outside.
 
