@@ -25,6 +25,7 @@ from swarm._support.tables import Table, percent
 from swarm.physics.perception import SENSORS, Memory, Sensor, Situation
 from swarm.physics.starts import draw_worlds
 from swarm.physics.world import State, World
+from swarm.physics.world.rules import in_units
 from swarm.policies.policy import AnyPolicy, begin, check_policy, decide, is_continuous
 from swarm.population.contest import memory_needed
 from swarm.population.results import origin
@@ -270,7 +271,11 @@ def _dataset(
         "turn": ("world", turns.astype(np.int32), {"long_name": "worlds of a turn have the same starts"}),
         "steered_by": (by_cell, steered_by.astype(np.int32), {"long_name": "number of the policy"}),
         "winner": (by_cell, winner, {"long_name": "whether it arrived in time"}),
-        "arrival_time": (by_cell, state.arrival_time, {"long_name": "arrival at the egg", "units": "time"}),
+        "arrival_time": (
+            by_cell,
+            state.arrival_time,
+            {"long_name": "arrival at the egg", "units": in_units("time", world.units)},
+        ),
         "gain": (by_cell, gain, {"long_name": "c(end of life) − c(0)", "units": "concentration"}),
     }
     if state.medium is not None:

@@ -1,7 +1,7 @@
 """The world: the state of its cells, its start, and one decision of every cell.
 
-All functions are pure and written against the Python array API, so NumPy, torch and jax arrays of any leading
-axes (..., cells) work alike. Randomness comes in as arrays.
+All functions are pure and of the Python array API: NumPy, torch and jax arrays of any leading axes (..., cells)
+work alike. Randomness comes in as arrays.
 """
 
 from __future__ import annotations
@@ -99,10 +99,8 @@ class World(Parameters):
         known, in a medium as it is at first or as given; `cells` are what `_record` asks of them.
         """
         field = frozen(self.field, 0.0)
-        by_action = [
-            as_array(np.asarray(values), pose.position)
-            for values in (self.curvatures, self.action_speeds, self.intervals)
-        ]
+        tables = self.curvatures, self.action_speeds, self.intervals
+        by_action = [as_array(np.asarray(values), pose.position) for values in tables]
         records: list[Sequence[Array]] = []
         for i in range(self.n_records):
             curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
