@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-POLICY = "A run folder, a policy file, zoo:NAME, greedy, swinging, random or optimal"
+POLICY = "A run folder, a policy file, zoo:NAME, greedy, adaptive, swinging, random or optimal"
 Experiment = Annotated[str | None, typer.Option(help="Whose world; default: the policy's own.")]
 Cells = Annotated[int | None, typer.Option(help="How many cells; default: as the policy's own, or 40.")]
 Life = Annotated[float | None, typer.Option(help="Length of a life, t_life; default: alike, or 80.")]

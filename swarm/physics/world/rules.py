@@ -76,7 +76,7 @@ def check_units(name: str, value: Any) -> tuple[str, str]:
 
 def check_length_units(units: tuple[str, str] | None, *parts: Any) -> None:
     """Raises ValueError unless the world and the data of its parts have positions in one unit."""
-    found = {getattr(part, "length_unit", None) for part in parts} | {units and units[0]}
+    found: set[Any] = {getattr(part, "length_unit", None) for part in parts} | {units and units[0]}
     if len(found := found - {None}) > 1:
         raise ValueError(f"field and flow must have positions in the same unit, got {sorted(found)}")
 

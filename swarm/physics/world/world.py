@@ -1,6 +1,6 @@
 """The world: the state of its cells, its start, and one decision of every cell.
 
-All functions are pure and of the Python array API: NumPy, torch and jax arrays of any leading axes (..., cells)
+All functions are pure, of the Python array API: NumPy, torch and jax arrays of any leading axes (..., cells)
 work alike. Randomness comes in as arrays.
 """
 
