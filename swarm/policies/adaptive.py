@@ -103,7 +103,7 @@ class AdaptiveSteering(Checked):
             )
         xp = namespace(state.memory)
         newest, before = (state.memory[..., i, 0] / world.mean_curvature for i in (0, 1))
-        intervals = as_array(np.asarray(world.intervals), newest)
+        intervals = as_array(np.asarray(world.clock.intervals), newest)
         length = look_up(intervals, last_action(world, state))
         response = output, sensitivity = self._response(world, length, before, newest, carry)
         wanted = self.curvature(world, output, self.gain_at(world, sensitivity))
@@ -116,7 +116,7 @@ class AdaptiveSteering(Checked):
     def times(self, world: World) -> tuple[float, float]:
         """σ and μ [time]."""
         unit = 1 / (world.mean_curvature * max(world.action_speeds))
-        late = 0.0 if self.continuous else 0.5 * max(world.intervals)
+        late = 0.0 if self.continuous else 0.5 * max(world.clock.intervals)
         return self.relaxation or 3 * unit - late, self.adaptation or unit
 
     def swim(self, world: World, state: State, noise: Array, carry: Adaptation) -> tuple[Way, Adaptation]:
@@ -201,7 +201,7 @@ class AdaptiveSteering(Checked):
             world.mean_curvature * max(world.action_speeds), *(1 / time for time in self.times(world))
         )
         quickest = max(quickest, world.flow.spin_scale, world.curvatures[-1] * world.fastest)
-        steps = max(world.intervals) * quickest / RADIANS
+        steps = max(world.clock.intervals) * quickest / RADIANS
         if world.egg is not None and self.continuous:  # the path is looked at between steps
-            steps = max(steps, max(world.intervals) / world.time_step)
+            steps = max(steps, max(world.clock.intervals) / world.time_step)
         return math.ceil(steps - 1e-9)
