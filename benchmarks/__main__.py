@@ -23,6 +23,7 @@ NAMES = (
     "batched_path",
     "training_path",
     "same_goal",
+    "same_goal_ppo",
     "crowd_path",
     "exact_solutions",
     "adaptive_cell",

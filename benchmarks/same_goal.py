@@ -14,7 +14,7 @@ import argparse
 import importlib.util
 import itertools
 import random
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from time import process_time
 from typing import Any, NamedTuple
 
@@ -75,11 +75,11 @@ GIVE_UP = 1.4  # times the time of the best, beyond which a search looks no furt
 class Watch:
     """A stopwatch that stands still while the policy is tested."""
 
-    def __init__(self, validation: Validation, pace: Pace) -> None:
+    def __init__(self, validation: Validation, pace: Pace, marks: Sequence[float] = MARKS) -> None:
         assert validation.limits is not None
         self.validation, self.limit, self.pace = validation, float(validation.limits[0]), pace
-        self.spent, self.checked = 0.0, 0.0
-        self.reached = [float("inf")] * len(MARKS)
+        self.spent, self.checked, self.marks = 0.0, 0.0, marks
+        self.reached = [float("inf")] * len(marks)
         self.since = process_time()
 
     @property
@@ -98,7 +98,7 @@ class Watch:
         if max(self.reached) == float("inf") and self.spent >= self.checked * (1 + self.pace.every):
             self.checked = self.spent
             part = self.part_of_limit(network)
-            for place, mark in enumerate(MARKS):
+            for place, mark in enumerate(self.marks):
                 if part > mark:
                     self.reached[place] = min(self.reached[place], self.spent)
         self.since = process_time()
@@ -116,6 +116,11 @@ def settings_of(experiment: str, seed: int, changed: dict[str, Any]) -> Settings
 def ours(experiment: str, seed: int, changed: dict[str, Any], pace: Pace) -> list[float]:
     """Seconds to each mark, infinite where it is not passed; then the last policy's part of the limit."""
     training = Training(settings_of(experiment, seed, changed))
+    return watched_training(training, pace)
+
+
+def watched_training(training: Training, pace: Pace, marks: Sequence[float] = MARKS) -> list[float]:
+    """Seconds to each mark, then the last policy's part of the limit."""
     algorithm, epochs = training.algorithm, training.settings.learning.epochs
     learn = algorithm.learn
 
@@ -126,7 +131,7 @@ def ours(experiment: str, seed: int, changed: dict[str, Any], pace: Pace) -> lis
 
     algorithm.learn = watched  # type: ignore[method-assign]
     training._validate = lambda: np.full(1, np.nan)  # type: ignore[method-assign]
-    watch = Watch(training.validation, pace)
+    watch = Watch(training.validation, pace, marks)
     while training.epoch < epochs and not watch.over:
         training.run_epoch()
     return [*watch.reached, watch.part_of_limit(algorithm.policy)]

@@ -52,17 +52,32 @@ def near_pairs(position: Array, reach: float, alive: Array) -> tuple[Array, Arra
     `position` (worlds, cells, 2) [length], `alive` (worlds, cells) bool; rows count through all worlds, and
     every pair is there once. NumPy and torch only: how many pairs there are depends on the data.
     """
-    return (_all if alive.shape[1] <= FEW else _by_grid)(position, reach, alive)
+    return (_by_sweep if alive.shape[1] <= FEW else _by_grid)(position, reach, alive)
 
 
-def _all(position: Array, reach: float, alive: Array) -> tuple[Array, Array]:
+def _by_sweep(position: Array, reach: float, alive: Array) -> tuple[Array, Array]:
+    """Cells are sorted by x, world by world; each is compared with the next until none is near in x."""
     xp = namespace(position)
-    x, y = position[..., 0], position[..., 1]
-    squared = (x[:, :, None] - x[:, None, :]) ** 2 + (y[:, :, None] - y[:, None, :]) ** 2
-    row = xp.arange(alive.shape[1], device=alive.device)
-    wanted = (squared <= reach**2) & (row[:, None] < row[None, :]) & alive[:, :, None] & alive[:, None, :]
-    world, first, second = xp.nonzero(wanted)
-    return world * alive.shape[1] + first, world * alive.shape[1] + second
+    worlds, cells = alive.shape
+    x = xp.where(alive, position[..., 0], xp.full_like(position[..., 0], xp.nan))  # the dead stand last
+    order = xp.argsort(x, axis=-1)
+    if worlds > 1:
+        order = order + cells * xp.arange(worlds, device=order.device)[:, None]
+    x = xp.reshape(x, (-1,))[order]
+    y = xp.reshape(position[..., 1], (-1,))[order]
+    firsts, seconds = [], []
+    for ahead in range(1, cells):
+        dx = x[:, ahead:] - x[:, :-ahead]
+        near = dx <= reach
+        if not bool(xp.any(near)):
+            break
+        dy = y[:, ahead:] - y[:, :-ahead]
+        near = near & (dx * dx + dy * dy <= reach**2)
+        firsts.append(order[:, :-ahead][near])
+        seconds.append(order[:, ahead:][near])
+    if not firsts:
+        return order[:0, 0], order[:0, 0]
+    return xp.concat(firsts), xp.concat(seconds)
 
 
 def _by_grid(position: Array, reach: float, alive: Array) -> tuple[Array, Array]:
