@@ -45,6 +45,7 @@ from swarm.physics.perception import SENSORS as sensors
 from swarm.physics.rewards import REWARDS as rewards
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
+from swarm.policies.adaptive import AdaptiveSteering
 from swarm.policies.strategies import FromObservation, Greedy, Random, Swinging
 
 # Loaded when they are first asked for: they need SciPy, xarray or time.
@@ -53,6 +54,7 @@ _LAZY = {
     "Optimal": "optimal.physical_limit",
     "SpermSwarmVector": "envs.gymnasium",
     "contest": "population.contests",
+    "export_policy": "policies.export",
     "limit": "optimal.physical_limit",
     "load_policy": "policies.network",
     "population_test": "population.contest",
@@ -60,6 +62,7 @@ _LAZY = {
 }
 
 __all__ = [
+    "AdaptiveSteering",
     "Contact",
     "DiffusingSource",
     "Dipole",
@@ -95,6 +98,7 @@ __all__ = [
     "__version__",
     "contest",
     "draw_starts",
+    "export_policy",
     "fields",
     "flows",
     "interactions",

@@ -15,7 +15,7 @@ from swarm._support import files, provenance
 from swarm.physics.grids import hdf5
 from swarm.physics.starts import Starts
 from swarm.physics.world import World
-from swarm.physics.world.rules import PARTS
+from swarm.physics.world.rules import PARTS, in_units
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,10 +69,15 @@ def as_dataset(
     import xarray as xr
 
     worlds = ("world",) * (starts.heading.ndim - 1)
+    own = json.loads(attributes["world"]).get("units")
     variables: dict[str, Any] = {}
     for name, values in zip(STARTS, starts[:3], strict=True):
         dimensions, dtype, units, long_name = STARTS[name]
-        variables[name] = ((*worlds, *dimensions), values.astype(dtype), _labels(units, long_name))
+        variables[name] = (
+            (*worlds, *dimensions),
+            values.astype(dtype),
+            _labels(in_units(units, own), long_name),
+        )
     measured = next(iter(lives.values()))
     longest = max(life["time"].shape[-1] for life in lives.values()) if "time" in measured else 0
     for name, (extra, dtype, units, long_name) in {**LIVES, **SERIES}.items():
@@ -82,12 +87,16 @@ def as_dataset(
         axis = starts.heading.ndim
         stacked = [_padded(life[name], axis, longest) if along else life[name] for life in lives.values()]
         dimensions = ("policy", *worlds, "cell", *along, *extra)
-        variables[name] = (dimensions, np.stack(stacked).astype(dtype), _labels(units, long_name))
+        variables[name] = (
+            dimensions,
+            np.stack(stacked).astype(dtype),
+            _labels(in_units(units, own), long_name),
+        )
     for name in FRAMES.keys() & measured.keys():
         dimensions, dtype, units, long_name = FRAMES[name]
         most = max(len(life[name]) for life in lives.values())
         stacked = [_padded(life[name].astype(dtype), 0, most) for life in lives.values()]
-        variables[name] = ("policy", *dimensions), np.stack(stacked), _labels(units, long_name)
+        variables[name] = ("policy", *dimensions), np.stack(stacked), _labels(in_units(units, own), long_name)
     coordinates: dict[str, Any] = {
         "policy": list(lives),
         "cell": np.arange(starts.heading.shape[-1], dtype=np.int32),
