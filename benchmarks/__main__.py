@@ -27,7 +27,9 @@ NAMES = (
     "crowd_path",
     "exact_solutions",
     "population_path",
+    "adaptive_cell",
 )
+FURTHER = ("jax_path",)  # need a library more; measured where they are named
 
 
 def processor() -> str:
@@ -46,7 +48,9 @@ def origin(record: dict[str, Any]) -> str:
 def main() -> None:
     """Run the named benchmarks, all by default."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help="default: all")
+    parser.add_argument(
+        "names", nargs="*", help=f"default: {', '.join(NAMES)}; beside them {', '.join(FURTHER)}"
+    )
     parser.add_argument("--out", type=Path, default=KEPT, help="folder for the tables")
     options = parser.parse_args()
     for folder in (KEPT, options.out):
@@ -57,7 +61,7 @@ def main() -> None:
         record = {
             "benchmark": name,
             "rows": result,
-            "versions": provenance.versions(),
+            "versions": provenance.versions() | provenance.versions("jax"),
             "commit": provenance.commit(),
             "processor": processor(),
             "cores": os.cpu_count(),

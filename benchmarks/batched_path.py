@@ -91,7 +91,7 @@ def bytes_of(*tensors: torch.Tensor) -> int:
 
 def ways(world: World, worlds: int, fast: bool) -> tuple[dict[str, Call], State, int]:
     """Calls that make one decision of every cell, the state, and the bytes that a decision writes."""
-    env = SwarmEnv(worlds, n_swimmers=CELLS, world=world, compile_step=fast)
+    env = SwarmEnv(worlds, n_swimmers=CELLS, seed=0, world=world, compile_step=fast)
     env.restart()
     step = functools.partial(World.step, world)
     if fast:

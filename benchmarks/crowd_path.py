@@ -52,7 +52,7 @@ def decisions_of(cells: int, **parameters: Any) -> Callable[[], None]:
 
 def compiled_decisions_of(worlds: int, **parameters: Any) -> Callable[[], None]:
     """A call that makes a decision of many worlds on tensors, one after the other."""
-    env = SwarmEnv(worlds, n_swimmers=CELLS, compile_step=True, **parameters)
+    env = SwarmEnv(worlds, n_swimmers=CELLS, seed=0, compile_step=True, **parameters)
     env.restart()
     choices = torch.randint(2, (8, worlds, CELLS), generator=torch.Generator().manual_seed(0))
     turn = iter(range(10**9))

@@ -11,7 +11,7 @@ from torchrl.envs import PettingZooWrapper
 from torchrl.envs.utils import RandomPolicy
 
 import swarm
-from swarm.envs.torchrl import SwarmEnv
+from swarm.torchrl_env import SwarmEnv
 
 
 def tighten_above_the_mean(observation: torch.Tensor) -> torch.Tensor:

@@ -86,3 +86,14 @@ def by_cell(
 def integer_seed(population: Population, purpose: Purpose, seed: int, *index: int) -> int:
     """A 63-bit seed of one purpose, for generators of other libraries."""
     return int(generator(population, purpose, seed, *index).integers(2**63 - 1))
+
+
+def divided(uniform: np.ndarray, number: int) -> np.ndarray:
+    """The number (...) in [0, 1) that stands at a place of the sequence to which a number (...) in [0, 1)
+    leads: SplitMix64 (Steele, Lea and Flood, OOPSLA 2014) of its 53 bits.
+    """
+    step = (number + 1) * 0x9E3779B97F4A7C15 % 2**64
+    bits = (np.asarray(uniform, np.float64) * 2.0**53).astype(np.uint64) + np.uint64(step)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        bits = (bits ^ (bits >> np.uint64(shift))) * np.uint64(factor)
+    return ((bits ^ (bits >> np.uint64(31))) >> np.uint64(11)) * 2.0**-53

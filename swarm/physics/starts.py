@@ -95,6 +95,37 @@ def draw_worlds(
     return type(drawn[0])(*(np.stack(parts) for parts in zip(*drawn, strict=True)))
 
 
+def draw_shared(
+    world: World,
+    cells: int,
+    seeds: Sequence[int],
+    episode: np.ndarray,
+    chosen: np.ndarray,
+    *,
+    population: streams.Population = "test",
+) -> dict[str, np.ndarray]:
+    """What `World.start` takes (worlds, cells, …) where the worlds are shared out evenly among `seeds`, block
+    after block: world w of a block has rows w · cells … of its seed's `episode` (worlds,). Worlds that are
+    not `chosen` (worlds,) bool get the starts of one that is.
+    """
+    found: dict[str, np.ndarray] = {}
+    blocks = np.split(np.arange(len(episode)), len(seeds))
+    for seed, block in zip(seeds, blocks, strict=True):
+        for number in np.unique(episode[block[chosen[block]]]).tolist():
+            members = block[chosen[block] & (episode[block] == number)]
+            where: dict[str, Any] = {"population": population, "episode": number}
+            drawn = draw_starts(world, len(block) * cells, seed, **where)._asdict()
+            noise = draw_record_noise(world, len(block) * cells, seed, **where)
+            drawn |= {} if noise is None else {"noise": noise}
+            for name, part in drawn.items():
+                rows = part.reshape(len(block), cells, *part.shape[1:])
+                whole = found.setdefault(
+                    name, np.broadcast_to(rows[:1], (len(episode), *rows.shape[1:])).copy()
+                )
+                whole[members] = rows[members - block[0]]
+    return found
+
+
 def noise_of(world: World) -> Callable[..., np.ndarray]:
     """What draws the numbers (cells, decisions, channels) that `World.step` takes as noise."""
     return draw_noise if world.binding_rate is None else draw_noise_and_bindings

@@ -30,7 +30,7 @@ class Greedy:
         concentrations = state.memory[..., 0]  # normalised, which keeps their order
         newest = concentrations[..., 0]
         top = world.n_actions - 1
-        kept = _last_action(world, state)
+        kept = last_action(world, state)
         at_smallest = newest <= xp.min(concentrations, axis=-1)
         at_largest = newest >= xp.max(concentrations, axis=-1)
         return xp.where(at_largest, xp.full_like(kept, top), xp.where(at_smallest, xp.zeros_like(kept), kept))
@@ -114,7 +114,7 @@ class FromObservation:
         return as_array(chosen, state.memory, dtype=namespace(state.memory).int32)
 
 
-def _last_action(world: World, state: State) -> Array:
+def last_action(world: World, state: State) -> Array:
     """The action (..., cells) of the interval that ended now, from its κ* in [−1, 1]."""
     xp = namespace(state.memory)
     normal_curvature = state.memory[..., 0, 1]

@@ -91,7 +91,7 @@ def _in_memory(test: PopulationTest, executor: Executor | None, progress: Progre
     if test.record == "statistics":
         return xr.Dataset(coords={"policy": list(test.policies)}, attrs=about)
     if len(parts) == 1:
-        return parts[0].assign_attrs(about)
+        return parts[0].drop_attrs(deep=False).assign_attrs(about)
     return joined((parts.pop(block.number) for block in blocks), test.sizes, about)
 
 

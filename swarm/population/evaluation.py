@@ -12,6 +12,7 @@ from swarm._support.checks import check_number
 from swarm._support.tables import Table, percent, span
 from swarm.optimal.physical_limit import Optimal
 from swarm.physics.world import World
+from swarm.policies.adaptive import AdaptiveSteering
 from swarm.policies.network import ZOO, Network, load_policy
 from swarm.policies.policy import AnyPolicy
 from swarm.policies.policy_file import POLICY_FILE, PolicyError
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 STRATEGIES: dict[Any, Callable[[World], AnyPolicy]] = {
+    "adaptive": lambda world: AdaptiveSteering(),
+    "adaptive_on_off": lambda world: AdaptiveSteering(mode="on_off"),
     "greedy": lambda world: Greedy(),
     "optimal": Optimal,
     "random": lambda world: Random(),

@@ -15,7 +15,7 @@ from swarm._support import files, provenance
 from swarm.physics.grids import hdf5
 from swarm.physics.starts import Starts
 from swarm.physics.world import World
-from swarm.physics.world.rules import PARTS
+from swarm.physics.world.rules import PARTS, in_units
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -73,10 +73,15 @@ def as_dataset(
     import xarray as xr
 
     worlds = ("world",) * (starts.heading.ndim - 1)
+    own = json.loads(attributes["world"]).get("units")
     variables: dict[str, Any] = {}
     for name, values in zip(STARTS, starts[:3], strict=True):
         dimensions, dtype, units, long_name = STARTS[name]
-        variables[name] = ((*worlds, *dimensions), values.astype(dtype), _labels(units, long_name))
+        variables[name] = (
+            (*worlds, *dimensions),
+            values.astype(dtype),
+            _labels(in_units(units, own), long_name),
+        )
     measured = next(iter(lives.values()))
     longest = max(life["time"].shape[-1] for life in lives.values()) if "time" in measured else 0
     for name, (extra, dtype, units, long_name) in {**LIVES, **SERIES}.items():
@@ -86,12 +91,16 @@ def as_dataset(
         axis = starts.heading.ndim
         stacked = [_padded(life[name], axis, longest) if along else life[name] for life in lives.values()]
         dimensions = ("policy", *worlds, "cell", *along, *extra)
-        variables[name] = (dimensions, np.stack(stacked).astype(dtype), _labels(units, long_name))
+        variables[name] = (
+            dimensions,
+            np.stack(stacked).astype(dtype),
+            _labels(in_units(units, own), long_name),
+        )
     for name in FRAMES.keys() & measured.keys():
         dimensions, dtype, units, long_name = FRAMES[name]
         most = max(len(life[name]) for life in lives.values())
         stacked = [_padded(life[name].astype(dtype), 0, most) for life in lives.values()]
-        variables[name] = ("policy", *dimensions), np.stack(stacked), _labels(units, long_name)
+        variables[name] = ("policy", *dimensions), np.stack(stacked), _labels(in_units(units, own), long_name)
     coordinates: dict[str, Any] = {
         "policy": list(lives),
         "cell": np.arange(starts.heading.shape[-1], dtype=np.int32),
@@ -104,14 +113,14 @@ def as_dataset(
     return xr.Dataset(variables, coordinates, attributes)
 
 
-def relabelled(arrays: Mapping[str, np.ndarray]) -> xr.Dataset:
-    """Results of their arrays by name, coordinates among them."""
+def relabelled(arrays: Mapping[str, np.ndarray], own: Any) -> xr.Dataset:
+    """Results of their arrays by name, coordinates among them, in a world's own units where it has some."""
     import xarray as xr
 
     columns = {**STARTS, **LIVES, **SERIES, **FRAMES}
     dimensions = _dimensions(worlds="world" in arrays)
     variables = {
-        name: (dimensions[name], values, _labels(*columns[name][2:]))
+        name: (dimensions[name], values, _labels(in_units(columns[name][2], own), columns[name][3]))
         for name, values in arrays.items()
         if name not in COORDINATES
     }

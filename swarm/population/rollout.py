@@ -9,7 +9,7 @@ import numpy as np
 from swarm._support import streams
 from swarm.physics.starts import Draws, Starts, draw_chance, draw_record_noise, noise_of
 from swarm.physics.world import Outcome, State, World
-from swarm.policies.policy import AnyPolicy, begin, decide, is_deterministic
+from swarm.policies.policy import AnyPolicy, begin, is_deterministic, lived
 
 
 class Moment(NamedTuple):
@@ -46,8 +46,7 @@ def rollout(
     for decision in range(world.max_decisions):
         alive = ~state.finished
         chance, kicks = numbers(decision)
-        action, carry = decide(policy, world, state, chance, carry)
-        state, outcome = world.step(state, action, kicks)
+        state, outcome, carry = lived(policy, world, state, chance, kicks, carry)
         yield Moment(state, alive, outcome)
         if state.finished.all():
             return

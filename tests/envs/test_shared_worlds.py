@@ -101,7 +101,7 @@ def test_who_has_finished_does_nothing_to_the_others():
         "life": 6.0,
     }
     env = SwarmEnv(
-        2, n_swimmers=3, dtype="float64", field="radial", start_box=((-4, 4), (-4, 4)), **parameters
+        2, n_swimmers=3, seed=0, dtype="float64", field="radial", start_box=((-4, 4), (-4, 4)), **parameters
     )
     env.restart()
     position = torch.tensor([[[1.05, 0.0], [-2.5, 0.0], [0.0, 2.5]]]).repeat(2, 1, 1)
@@ -124,7 +124,7 @@ def test_the_torch_face_tells_what_the_others_tell():
     for parameters in (EATING, RACE):
         zoo, many = (
             swarm.parallel_env(n_swimmers=4, **parameters),
-            SwarmEnv(1, n_swimmers=4, dtype="float64", **parameters),
+            SwarmEnv(1, n_swimmers=4, seed=0, dtype="float64", **parameters),
         )
         zoo.reset(seed=0)
         data = many.reset()
@@ -216,7 +216,7 @@ COMPILED = {
 @pytest.mark.parametrize("parameters", COMPILED.values(), ids=COMPILED)
 def test_shared_worlds_compile_without_a_warning(parameters, capfd):
     plain, fast = (
-        SwarmEnv(2, n_swimmers=8, dtype="float64", compile_step=step, **{"life": 4.0} | parameters)
+        SwarmEnv(2, n_swimmers=8, seed=0, dtype="float64", compile_step=step, **{"life": 4.0} | parameters)
         for step in (False, True)
     )
     plain.restart(), fast.restart()

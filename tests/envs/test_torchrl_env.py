@@ -1,5 +1,6 @@
 """The TorchRL face: TorchRL's own checks, and the same lives as the PettingZoo face."""
 
+import functools
 import random
 import warnings
 
@@ -7,11 +8,19 @@ import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
-from torchrl.envs import check_env_specs
+from torchrl.envs import (
+    CatFrames,
+    EnvCreator,
+    ParallelEnv,
+    SerialEnv,
+    TimeMaxPool,
+    TransformedEnv,
+    check_env_specs,
+)
 
 from swarm import World, parallel_env
-from swarm.envs import torchrl as torchrl_env
 from swarm.envs.torchrl import SwarmEnv
+from swarm.envs.torchrl import worlds as torchrl_env
 from swarm.physics.starts import NOISE_BLOCK
 
 GROUP = "swimmers"
@@ -39,8 +48,8 @@ def library(request, monkeypatch):
         monkeypatch.setattr(torchrl_env, "NUMPY_CELLS", 0)
 
 
-def environment(n_worlds=2, n_swimmers=3, life=6.0, **parameters):
-    return SwarmEnv(n_worlds, n_swimmers=n_swimmers, life=life, **parameters)
+def environment(n_worlds=2, n_swimmers=3, life=6.0, seed=0, **parameters):
+    return SwarmEnv(n_worlds, n_swimmers=n_swimmers, life=life, seed=seed, **parameters)
 
 
 def with_action(env, data, action):
@@ -204,6 +213,121 @@ def test_each_of_several_seeds_has_the_worlds_it_would_have_alone():
         single = alone.step(with_action(alone, single, np.full((2, 2), action)))["next"]
 
 
+def test_without_a_seed_every_environment_lives_its_own_lives_and_says_which():
+    first, second = environment(seed=None, **NOISE), environment(seed=None, **NOISE)
+    one, other = first.reset(), second.reset()
+    assert not torch.equal(one[GROUP, "observation"], other[GROUP, "observation"])
+    twin = environment(seed=first.seeds[0], **NOISE)
+    for _ in range(2):
+        assert torch.equal(one[GROUP, "observation"], twin.reset()[GROUP, "observation"])
+        first.set_seed(None)  # its episodes go on
+        one = first.reset()
+    assert "seeds" not in twin.state_dict_of_env()
+    second.load_state_dict_of_env(first.state_dict_of_env())
+    assert second.seeds == first.seeds
+    assert torch.equal(first.restart(), second.restart())
+
+
+def make_short():
+    return SwarmEnv(n_swimmers=2, life=2.0)
+
+
+@pytest.mark.parametrize(
+    "make", [SerialEnv, pytest.param(ParallelEnv, marks=pytest.mark.slow)], ids=["serial", "parallel"]
+)
+def test_workers_without_a_seed_live_different_lives_and_with_one_the_same_again(make):
+    env = make(2, EnvCreator(make_short) if make is ParallelEnv else make_short)
+    seen = []
+    try:
+        for seed in (None, 4, 4):
+            if seed is not None:
+                env.set_seed(seed)
+            seen.append(env.reset()[GROUP, "observation"].clone())
+    finally:
+        env.close()
+    assert not torch.equal(seen[0][0], seen[0][1])
+    assert not torch.equal(seen[1][0], seen[1][1])
+    assert torch.equal(seen[1], seen[2])
+
+
+def test_multi_agent_code_finds_what_it_reads():
+    env, zoo = environment(2, 3, return_state=True, seed=5), parallel_env(n_swimmers=6, life=6.0)
+    check_env_specs(env)
+    assert env.group_map == {GROUP: env.agents} == {GROUP: zoo.possible_agents[:3]}
+    assert env.n_agents == 3
+    assert env.max_steps == env.world.max_decisions
+    assert environment(max_cycles=4).max_steps == 4
+    env.set_seed(5)
+    data = env.reset()
+    zoo.reset(seed=5)
+    for action in ((0, 1, 1, 0, 1, 0), (1, 1, 0, 0, 0, 1)):
+        np.testing.assert_allclose(data["state"].flatten(0, 1), zoo.state(), atol=1e-5)
+        data = env.step(with_action(env, data, action))["next"]
+        zoo.step(dict(zip(zoo.agents, action, strict=True)))
+    np.testing.assert_allclose(data["state"].flatten(0, 1), zoo.state(), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "parameters", [{}, {"medium": {"shape": (64, 64), "uptake": 0.4}}], ids=["", "medium"]
+)
+def test_worlds_are_rendered_one_by_one(parameters):
+    env = environment(2, 2, **parameters)
+    with pytest.raises(RuntimeError, match="must come before render"):
+        env.render()
+    env.reset()
+    first, second = env.render(), env.render(env_index=1)
+    assert first.shape == second.shape == (720, 960, 3)
+    assert first.dtype == np.uint8
+    assert not np.array_equal(first, second)
+    env.rand_step()
+    assert not np.array_equal(env.render(mode="rgb_array"), first)
+    with pytest.raises(ValueError, match="env_index must be below 2, got 2"):
+        env.render(env_index=2)
+    with pytest.raises(ValueError, match=r"mode must be .*got 'ansi'"):
+        env.render("ansi")
+
+
+@pytest.mark.parametrize(
+    ("transform", "begins_with"),
+    [
+        (functools.partial(CatFrames, N=3, dim=-1), lambda first: first.repeat(1, 1, 3)),
+        (
+            functools.partial(TimeMaxPool, T=3),
+            lambda first: first.clamp(min=0),
+        ),  # it takes 0 for what was not
+    ],
+    ids=["CatFrames", "TimeMaxPool"],
+)
+def test_transforms_forget_a_life_that_is_over(transform, begins_with):
+    whole = (GROUP, "observation")
+    env = environment(3, 2, life=12.0, varying_speed=True)
+    env = TransformedEnv(env, transform(in_keys=[whole], out_keys=["seen"]))
+    data = env.rollout(100, break_when_any_done=False)
+    begun = data["next", "done"][:, :-1, 0]
+    assert (begun.any(0) & ~begun.all(0)).any()  # worlds end one by one
+    assert torch.equal(data["seen"][:, 1:][begun], begins_with(data[whole][:, 1:][begun]))
+    assert not torch.equal(data["seen"][:, 5], begins_with(data[whole][:, 5]))
+
+
+def test_a_world_restarts_alone_where_the_origin_is_outside():
+    class Far:
+        gradient_scale, box = 1.0, ((2.0, 3.0), (2.0, 3.0))
+
+        def concentration(self, position):
+            return position[..., 0]
+
+        def inside(self, position):
+            return position[..., 0] > 1.0
+
+    env = environment(2, 2, field=Far())
+    env.restart()
+    before = env.observation.clone()
+    assert torch.equal(env.restart(np.array([False, False])), before)
+    after = env.restart(np.array([False, True]))
+    assert torch.equal(after[0], before[0])
+    assert not torch.equal(after[1], before[1])
+
+
 def test_the_global_generators_stay_as_they_are():
     before = random.getstate(), np.random.get_state()[1].tolist(), torch.get_rng_state()  # noqa: NPY002
     env = environment(**NOISE)
@@ -286,7 +410,7 @@ def test_positions_are_float32_unless_float64_is_asked_for():
 def test_a_world_may_be_given_whole():
     world = World(n_records=8, life=6.0)
     by_parts = environment(n_records=8, life=6.0)
-    given = SwarmEnv(2, n_swimmers=3, world=world)
+    given = SwarmEnv(2, n_swimmers=3, seed=0, world=world)
     assert given.world is world
     assert torch.equal(given.reset()[GROUP, "observation"], by_parts.reset()[GROUP, "observation"])
     with pytest.raises(TypeError, match=r"world must be given alone, got .*life"):
@@ -301,7 +425,7 @@ def test_given_poses_are_started_from():
 
 
 def test_bad_arguments_are_named():
-    with pytest.raises(ValueError, match="did you mean 'n_records'"):
+    with pytest.raises(TypeError, match="did you mean 'n_records'"):
         SwarmEnv(1, n_record=4)
     with pytest.raises(ValueError, match="n_worlds must be a whole number of at least 1, got 0"):
         SwarmEnv(0)

@@ -11,8 +11,8 @@ import xarray as xr
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
-from swarm.envs import torchrl
 from swarm.envs.torchrl import SwarmEnv
+from swarm.envs.torchrl import worlds as torchrl
 from swarm.physics.crowd.interactions import Contact, Dipole
 from swarm.physics.fields import (
     DiffusingSource,

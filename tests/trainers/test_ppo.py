@@ -23,7 +23,7 @@ RUN += ["validation.cells=2", "tensorboard=false"]
 
 
 def test_actions_are_drawn_by_their_probability():
-    env = SwarmEnv(1, n_swimmers=2000)
+    env = SwarmEnv(1, n_swimmers=2000, seed=0)
     env.restart()
     network = seed_mlp((8, 2), [0])
     sampling = Sampling(network, env, central=False)

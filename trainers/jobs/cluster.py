@@ -163,7 +163,7 @@ def _told(name: str, much: float) -> str:
 
 def _line(error: BaseException) -> str:
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[0][:200] if lines else type(error).__name__
+    return lines[-1][:200] if lines else type(error).__name__
 
 
 def _ray() -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+import trainers.algorithms  # noqa: F401, first of all that training needs
 from swarm._support import files, provenance
 from swarm._support.terminal import dispensable, tell
 from swarm.policies.network import save_policy

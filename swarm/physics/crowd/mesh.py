@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarm._support.arrays import as_array, join, namespace
+from swarm._support.arrays import as_array, is_numpy_or_torch, join, namespace
 
 Array = Any
 Box = tuple[tuple[float, float], tuple[float, float]]
@@ -103,8 +103,9 @@ class Mesh:
             at = xp.clip(at, -0.5, nodes - 0.5)
         first, width = xp.floor(at), WIDTHS[self.kernel]
         weight = (_linear if self.kernel == "linear" else _cubic)(at - first)
-        steps = as_array(np.arange(width) - (width // 2 - 1), x, dtype=xp.int64)
-        near = number = xp.astype(first, xp.int64)[..., None] + steps
+        whole = xp.int64 if is_numpy_or_torch(first) else xp.asarray(0).dtype  # jax knows none but its own
+        steps = as_array(np.arange(width) - (width // 2 - 1), x, dtype=whole)
+        near = number = xp.astype(first, whole)[..., None] + steps
         if self.periodic:
             number = number % nodes
         else:  # a wall is a mirror

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from swarm._support.arrays import Array, as_array, namespace
 from swarm._support.checks import Checked, check_made, check_number, parameter
 
 MOST = 3.0  # standard deviations, at which normal numbers are cut off
@@ -32,9 +33,10 @@ class Spread(Checked):
     speed: float = parameter(0.0, _check_part)
     curvature: float = parameter(0.0, _check_part)
 
-    def factors(self, normal: np.ndarray) -> np.ndarray:
+    def factors(self, normal: Array) -> Array:
         """Factors of speed and curvature (cells, 2) of standard normal numbers (cells, 2)."""
-        return 1 + np.clip(normal, -MOST, MOST) * (self.speed, self.curvature)
+        part = as_array(np.array((self.speed, self.curvature)), normal)
+        return 1 + namespace(normal).clip(normal, -MOST, MOST) * part
 
     @property
     def largest(self) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from swarm.physics.world import State, World
 from swarm.policies.policy import AnyPolicy
 from swarm.population.blocks.tally import Tally, tally
 from swarm.population.frames import Frames
-from swarm.population.results import LIVES, SERIES, STARTS, as_dataset
+from swarm.population.results import LIVES, SERIES, STARTS, as_dataset, origin
 from swarm.population.rollout import Moment, rollout, started
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def lived(
         tell = progress and functools.partial(_tell, progress, number * share, share)
         own: dict[str, Any] = {"frames": block.number == 0, "progress": tell, **which}
         found[name] = lives_of(policy, name=name, record=record, **own)
-    results = as_dataset(starts, found, {}, every=test.every)
+    results = as_dataset(starts, found, origin(world, test.seed), every=test.every)
     for dimension, first in (("cell", block.cell), ("world", block.world)):
         if dimension in results.dims:
             results[dimension] = results[dimension] + np.int32(first)

@@ -97,7 +97,7 @@ class Storage:
     def part(self, number: int) -> xr.Dataset:
         """A part that is there."""
         with np.load(self._file(number), allow_pickle=False) as stored:
-            return relabelled(dict(stored))
+            return relabelled(dict(stored), json.loads(json.loads(self.told)["world"]).get("units"))
 
     def opened(self) -> xr.Dataset:
         """The whole, whose numbers are read when they are asked for."""

@@ -1,4 +1,4 @@
-"""The TorchRL face: many worlds of many swimmers in one tensor, on any device."""
+"""Many worlds of many cells in plain tensors: their seeds, lives and decisions."""
 
 from __future__ import annotations
 
@@ -8,20 +8,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.envs import EnvBase
 
 from swarm._support import streams
 from swarm._support.arrays import namespace, where_chosen
 from swarm._support.checks import check_count, check_name
 from swarm._support.compiler import compiled
-from swarm.envs.arena import make_world, no_medium, told, with_parameters
-from swarm.envs.specs import check_actions, specs_of
-from swarm.physics.starts import Draws, draw_record_noise, draw_starts, noise_of
+from swarm.envs.arena import no_medium
+from swarm.physics.starts import Draws, draw_shared, noise_of
 from swarm.physics.world import Outcome, State, World
 
-GROUP = "swimmers"
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 NUMPY_CELLS = 5_000  # up to so many, NumPy makes a decision on the CPU faster than torch (`make bench`)
 
@@ -29,7 +25,7 @@ Array = Any
 
 
 class Transition(NamedTuple):
-    """What `SwarmEnv.advance` returns; finished cells get reward 0."""
+    """What `Worlds.advance` returns; finished cells get reward 0."""
 
     observation: Tensor  # (worlds, cells, N_T · features) float32
     reward: Tensor  # (worlds, cells)
@@ -38,60 +34,37 @@ class Transition(NamedTuple):
     valid: Tensor  # (worlds, cells) bool: the cell was alive before this decision
 
 
-class SwarmEnv(EnvBase):
-    """`n_worlds` independent worlds of `n_swimmers` cells each; arguments otherwise as `swarm.parallel_env`.
+class Worlds:
+    """Worlds (worlds, cells, ...) that begin and decide together; what the trainer uses of `SwarmEnv`."""
 
-    Tensors are (worlds, cells, ...) in the group `swimmers`: `observation`, `action`, `reward`, `done`,
-    `terminated`, `truncated`, `gain`; in a medium `eaten`; in a race `arrival_time`, `won`. A cell that is
-    done waits, masked, until every cell of its world is done; then the root `done` of the world is set and
-    the world restarts. A row of data is valid where ("swimmers", "done") was False before the step.
-
-    Starts come from the same streams as the PettingZoo face: world w of seed s holds rows w · n_swimmers … of
-    that seed's population. With `seeds` given, the worlds are shared out evenly among several independent
-    seeds. `compile_step` hands the decision to `torch.compile`, which pays after some ten thousand steps of
-    many cells. Without it, up to `NUMPY_CELLS` cells on the CPU decide in NumPy, whose calls take a fraction
-    of torch's; tensors and arrays share their memory.
-    """
-
-    batch_locked = True
-
-    @with_parameters
-    def __init__(
+    def _set_up(
         self,
-        n_worlds: int = 1,
-        device: torch.device | str | None = None,
+        world: World,
+        shape: tuple[int, int],
+        device: torch.device | str | None,
         *,
-        n_swimmers: int = 40,
-        dtype: str = "float32",
-        max_cycles: int | None = None,
-        seed: int = 0,
-        seeds: Sequence[int] | None = None,
-        population: streams.Population = "training",
-        compile_step: bool = False,
-        world: World | None = None,
-        **parameters: Any,
+        dtype: str,
+        max_cycles: int | None,
+        seeds: Sequence[int] | None,
+        population: streams.Population,
+        compile_step: bool,
     ) -> None:
-        self.n_worlds = check_count("n_worlds", n_worlds)
-        self.n_swimmers = check_count("n_swimmers", n_swimmers)
+        self.world = world
+        self.n_worlds = check_count("n_worlds", shape[0])
+        self.n_swimmers = check_count("n_swimmers", shape[1])
         self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
-        self.world = make_world(world, parameters)
         self.float_dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
         self.population = population
         wrap = compiled if compile_step else functools.partial
         self._decide: Callable[..., Any] = wrap(_decision, self.world)
-        super().__init__(device=device, batch_size=torch.Size([self.n_worlds]))
         self._place = torch.device("cpu") if device is None else torch.device(device)
         few = self.n_worlds * self.n_swimmers <= NUMPY_CELLS
         self._in_numpy = few and self._place.type == "cpu" and not compile_step
-        specs = specs_of(self.world, (self.n_worlds, self.n_swimmers), GROUP, self._place)
-        self.observation_spec, self.action_spec, self.reward_spec, self.done_spec = specs
-        self._terminated = torch.zeros(n_worlds, n_swimmers, 1, dtype=torch.bool, device=self._place)
         self._state: State | None = None  # in the library that computes it
         self.observation: Tensor | None = None
         self._gain: Array = None  # in a medium, in which others eat where a cell has finished
-        self.set_seeds([seed] if seeds is None else seeds)
-
-    # --- plain tensors: what the trainer uses ---------------------------------------------------------------
+        self.set_seeds([streams.entropy()] if seeds is None else seeds)
+        self._drawn = seeds is None
 
     @property
     def state(self) -> State | None:
@@ -110,11 +83,6 @@ class SwarmEnv(EnvBase):
             raise RuntimeError("restart() or reset() must come first")
         return self._tensor(self._state.medium.grid)
 
-    def __getattr__(self, name: str) -> Any:
-        if name == "medium":  # a module forgets why there is none
-            raise no_medium()
-        return super().__getattr__(name)
-
     def all_finished(self) -> bool:
         """Whether every cell's life has ended."""
         assert self._state is not None, "restart() must come first"
@@ -130,6 +98,7 @@ class SwarmEnv(EnvBase):
                 f"n_worlds must be a multiple of the number of seeds, got {self.n_worlds} worlds and "
                 f"{len(self.seeds)} seeds"
             )
+        self._drawn = False  # whether nobody else knows the seed
         self.episode = np.full(self.n_worlds, -1)
         self.decision = np.zeros(self.n_worlds, np.int64)
         cells = (self.n_worlds, self.n_swimmers)
@@ -140,27 +109,14 @@ class SwarmEnv(EnvBase):
     def restart(self, worlds: np.ndarray | None = None) -> Tensor:
         """Begin the next episode in the chosen worlds (a mask; default all); returns all observations."""
         chosen = np.ones(self.n_worlds, bool) if worlds is None or self._state is None else np.asarray(worlds)
+        if not chosen.any():
+            assert self.observation is not None
+            return self.observation
         self.episode[chosen] += 1
         self.decision[chosen] = 0
-        position = np.zeros((self.n_worlds, self.n_swimmers, 2))
-        heading = np.zeros((self.n_worlds, self.n_swimmers))
-        past = np.zeros((self.n_worlds, self.n_swimmers, self.world.n_records), np.int64)
-        factors, noise = np.ones_like(position), np.zeros(past.shape)
-        cells = self.n_worlds // len(self.seeds) * self.n_swimmers  # of each seed
-        blocks = np.split(np.arange(self.n_worlds), len(self.seeds))
-        for seed, block in zip(self.seeds, blocks, strict=True):
-            for episode in np.unique(self.episode[block[chosen[block]]]).tolist():
-                members = block[chosen[block] & (self.episode[block] == episode)]
-                where: dict[str, Any] = {"population": self.population, "episode": episode}
-                starts: list[Any] = [*draw_starts(self.world, cells, seed, **where)]
-                starts += [np.ones((cells, 2))] if self.world.spread is None else []
-                numbers = draw_record_noise(self.world, cells, seed, **where)
-                starts += [] if numbers is None else [numbers]
-                for whole, part in zip((position, heading, past, factors, noise), starts, strict=False):
-                    whole[members] = part.reshape(len(block), *whole.shape[1:])[members - block[0]]
-        further = {} if self.world.spread is None else {"factors": self._array(factors)}
-        further |= {"noise": self._array(noise)} if self.world.concentration_noise > 0 else {}
-        fresh = self.world.start(*map(self._array, (position, heading, past)), **further)
+        shared = self.world, self.n_swimmers, self.seeds, self.episode, chosen
+        starts = draw_shared(*shared, population=self.population)
+        fresh = self.world.start(**{name: self._array(each) for name, each in starts.items()})
         return self._begin(fresh, chosen)
 
     def place(self, position: Tensor, heading: Tensor, past: Tensor) -> Tensor:
@@ -221,21 +177,20 @@ class SwarmEnv(EnvBase):
         return self._tensor(concentration - self._state.start_concentration)
 
     def state_dict_of_env(self) -> dict[str, Tensor]:
-        """All that is needed to go on from here: the cells' state and the counters."""
+        """All that is needed to go on from here: the cells' state, the counters, a seed that was drawn."""
         state = self.state
         assert state is not None, "restart() must come first"
-        held = {} if self.world.medium is None else {"gain": self._tensor(self._gain)}
-        return (
-            state.named("state")
-            | held
-            | {
-                "episode": torch.as_tensor(self.episode.copy()),
-                "decision": torch.as_tensor(self.decision.copy()),
-            }
-        )
+        held = state.named("state")
+        held |= {} if self.world.medium is None else {"gain": self._tensor(self._gain)}
+        counters = {"episode": self.episode, "decision": self.decision}
+        counters |= {"seeds": np.array(self.seeds, np.uint64).view(np.int64)} if self._drawn else {}
+        return held | {name: torch.as_tensor(each.copy()) for name, each in counters.items()}
 
     def load_state_dict_of_env(self, arrays: dict[str, Tensor]) -> None:
-        """Go on from what `state_dict_of_env` gave."""
+        """Go on from what `state_dict_of_env` gave, with its seed if nobody gave that one."""
+        if "seeds" in arrays:
+            self.set_seeds(arrays["seeds"].numpy().view(np.uint64).tolist())
+            self._drawn = True
         held = {name: each for name, each in arrays.items() if name.startswith("state.")}
         state = State.of_named({n: self._bare(each.to(self._place)) for n, each in held.items()}, "state")
         if not self._in_numpy:
@@ -246,56 +201,13 @@ class SwarmEnv(EnvBase):
         if "gain" in arrays:
             self._gain = self._bare(arrays["gain"].to(self._place))
 
-    # --- TensorDicts: what TorchRL asks for -----------------------------------------------------------------
-
-    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDict:
-        worlds = None
-        if tensordict is not None and "_reset" in tensordict.keys():  # noqa: SIM118
-            worlds = tensordict["_reset"].reshape(self.n_worlds).cpu().numpy()
-        observation = self.restart(worlds)
+    def _table(self) -> Tensor:
+        """x, y, heading and curvature (worlds, cells, 4) float32 of all cells."""
         assert self._state is not None
-        done = self._tensor(self._state.finished)[..., None]
-        chosen = np.ones(self.n_worlds, bool) if worlds is None else worlds
-        fresh = torch.as_tensor(chosen, device=self._place)
-        self._terminated = where_chosen(fresh, torch.zeros_like(done), self._terminated)
-        return self._pack(observation, self.gain(), done)
-
-    def _step(self, tensordict: TensorDictBase) -> TensorDict:
-        action = tensordict[GROUP, "action"]
-        check_actions(action, self.world.n_actions, (self.n_worlds, self.n_swimmers))
-        result, gain = self._advance(action)
-        assert self._state is not None
-        done = self._tensor(self._state.finished)[..., None]
-        if self.world.egg is not None:
-            self._terminated = self._terminated | result.terminated[..., None]
-        out = self._pack(result.observation, gain, done)
-        out[GROUP]["reward"] = result.reward[..., None].to(torch.float32)
-        return out
-
-    def _step_proc_data(self, next_tensordict_out: TensorDictBase) -> TensorDictBase:
-        """What TorchRL would complete and reshape is complete and in shape already."""
-        return next_tensordict_out
-
-    def _set_seed(self, seed: int | None) -> None:
-        self.set_seeds([0 if seed is None else seed])
-
-    def _pack(self, observation: Tensor, gain: Tensor, done: Tensor) -> TensorDict:
-        flags = {"done": done, "terminated": self._terminated, "truncated": done & ~self._terminated}
-        assert self._state is not None
-        found = {name: self._tensor(each) for name, each in told(self.world, self._state).items()}
-        floats = {name: each.float() for name, each in found.items() if each.is_floating_point()}
-        parts = {name: each[..., None] for name, each in ({"gain": gain.float()} | found | floats).items()}
-        everyone = _all_cells(done)
-        ended = _all_cells(self._terminated) if self.world.egg is not None else torch.zeros_like(everyone)
-        group = TensorDict(
-            {"observation": observation, **parts, **flags},
-            batch_size=(self.n_worlds, self.n_swimmers),
-            device=self.device,
-        )
-        root = {GROUP: group, "done": everyone, "terminated": ended, "truncated": everyone & ~ended}
-        return TensorDict(root, batch_size=self.batch_size, device=self.device)
-
-    # --- helpers --------------------------------------------------------------------------------------------
+        heading, curvature = self.world.heading_angle(self._state), self.world.curvature(self._state)
+        position = self._tensor(self._state.position)
+        columns = [position, self._tensor(heading)[..., None], self._tensor(curvature)[..., None]]
+        return torch.cat([each.float() for each in columns], dim=-1)
 
     def _array(self, values: np.ndarray) -> Array:
         """`values` in the library that computes decisions, real numbers in the environment's precision."""
@@ -311,11 +223,6 @@ class SwarmEnv(EnvBase):
         if not self._in_numpy:
             return array
         return torch.from_numpy(array if array.flags.writeable else array.copy())
-
-
-def _all_cells(flags: Tensor) -> Tensor:
-    """Whether all cells (worlds, cells, 1) are flagged (worlds, 1); to count is faster than to ask."""
-    return flags.sum(dim=1, dtype=torch.int32) == flags.shape[1]
 
 
 def _decision(world: World, state: State, action: Array, noise: Array | None) -> tuple[State, Outcome]:

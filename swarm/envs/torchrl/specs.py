@@ -21,8 +21,13 @@ class Specs(NamedTuple):
     done: Composite
 
 
-def specs_of(world: World, shape: tuple[int, int], group: str, device: torch.device) -> Specs:
-    """The specs of (worlds, cells) cells under the name of their group."""
+def specs_of(
+    world: World, shape: tuple[int, int], group: str, device: torch.device, with_state: bool
+) -> Specs:
+    """The specs of (worlds, cells) cells under the name of their group.
+
+    Whole worlds end, so that there is one key by which they are reset; the ends of cells are observed.
+    """
     numbers: dict[str, Any] = {"dtype": torch.float32, "device": device}
     flag: dict[str, Any] = {"dtype": torch.bool, "device": device, "n": 1}
     bound = torch.as_tensor(world.observation_bounds, device=device).expand(*shape, -1)
@@ -35,14 +40,15 @@ def specs_of(world: World, shape: tuple[int, int], group: str, device: torch.dev
     observation = grouped(
         observation=Bounded(-bound, bound, shape=bound.shape, **numbers),
         **{name: Unbounded(shape=(*shape, 1), **numbers) for name in told},
+        **{name: Binary(shape=(*shape, 1), **flag) for name in ENDS},
         **({} if world.first_arrivals is None else {"won": Binary(shape=(*shape, 1), **flag)}),
     )
+    if with_state:
+        observation["state"] = Unbounded(shape=(*shape, 4), **numbers)
     action = Categorical(world.n_actions, shape=shape, dtype=torch.int64, device=device)
-    done = grouped(**{name: Binary(shape=(*shape, 1), **flag) for name in ENDS})
-    for name in ENDS:
-        done[name] = Binary(shape=(shape[0], 1), **flag)
+    ends = {name: Binary(shape=(shape[0], 1), **flag) for name in ENDS}
     reward = grouped(reward=Unbounded(shape=(*shape, 1), **numbers))
-    return Specs(observation, grouped(action=action), reward, done)
+    return Specs(observation, grouped(action=action), reward, Composite(ends, shape=shape[:1]))
 
 
 def check_actions(action: torch.Tensor, known: int, shape: tuple[int, int]) -> None:
