@@ -7,7 +7,10 @@ from typing import Annotated
 
 import typer
 
-POLICY = "A run folder, a policy file, greedy, adaptive, adaptive_on_off, swinging, random, optimal, or one of {zoo}"
+POLICY = (
+    "A run folder, a policy file, greedy, adaptive, adaptive_on_off, swinging, random, optimal, "
+    "or one of {zoo}"
+)
 Experiment = Annotated[
     str | None,
     typer.Option(help="Whose world; default: the policy's own, or linear_n4. One of {experiments}."),
