@@ -10,7 +10,8 @@ define BOUNDS
 import re, sys, tomllib
 project = tomllib.load(open("pyproject.toml", "rb"))["project"]
 extras = project["optional-dependencies"]
-for line in project["dependencies"] + extras["train"] + extras["dev"] + extras["video"] + extras["render"]:
+wanted = [extras[name] for name in ("results", "train", "dev", "video", "render")]
+for line in sum(wanted, project["dependencies"]):
     if sys.argv[1] == "lowest" and (lower := re.match(r"([\w.-]+)>=([\d.]+)", line)):
         print(f"{lower[1]}=={lower[2]}")
 endef
@@ -21,7 +22,7 @@ unexport PYTHONHOME PYTHONPATH VIRTUAL_ENV
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test slow peers lowest newest coverage bench soak reproduce examples docs clean FORCE
+.PHONY: help install train test slow peers lowest newest coverage bench soak cluster cluster-long reproduce examples neighbours docs clean FORCE
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z ]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -56,12 +57,21 @@ bench: install ## measure speed against the alternatives
 soak: install ## hours of simulation, watching memory and speed
 	$(RUN)/python -m benchmarks.soak $(ARGS)
 
+cluster: install ## lose a worker and a node of a local Ray cluster, and no bit of a result
+cluster-long: install
+cluster cluster-long:
+	@$(RUN)/python -c 'import ray' 2>/dev/null || $(RUN)/python -m pip install -qq -c constraints.txt -e '.[cluster]'
+	CLUSTER=$@ $(RUN)/pytest -m cluster tests/trainers/test_cluster.py $(ARGS)
+
 reproduce: install ## every figure and table of the paper, in runs/reproduce
 	$(RUN)/swarm reproduce --out runs/reproduce $(ARGS)
 
 examples: install ## install the libraries that the examples are about, and test the examples
 	@$(RUN)/python -c 'import jax, stable_baselines3, supersuit' 2>/dev/null || $(RUN)/python -m pip install -qq -c constraints.txt -e '.[examples]'
 	$(RUN)/pytest tests/docs/test_examples.py $(ARGS)
+
+neighbours: install ## try the environments beside ten other libraries, each in a venv of its own: docs/neighbours.txt
+	$(RUN)/python -m tests.neighbours $(ARGS)
 
 peers: install ## install other libraries, and run their tests and wrappers on these environments
 	@$(RUN)/python -m pip install -qq -c constraints.txt -e '.[examples,peers]'

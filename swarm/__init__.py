@@ -45,6 +45,7 @@ from swarm.physics.perception import SENSORS as sensors
 from swarm.physics.rewards import REWARDS as rewards
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
+from swarm.policies.adaptive import AdaptiveSteering
 from swarm.policies.strategies import FromObservation, Greedy, Random, Swinging
 
 # Loaded when they are first asked for: they need SciPy, xarray or time.
@@ -53,6 +54,7 @@ _LAZY = {
     "Optimal": "optimal.physical_limit",
     "SpermSwarmVector": "envs.gymnasium",
     "contest": "population.contests",
+    "export_policy": "policies.export",
     "limit": "optimal.physical_limit",
     "load_policy": "policies.network",
     "population_test": "population.contest",
@@ -60,6 +62,7 @@ _LAZY = {
 }
 
 __all__ = [
+    "AdaptiveSteering",
     "Contact",
     "DiffusingSource",
     "Dipole",
@@ -95,6 +98,7 @@ __all__ = [
     "__version__",
     "contest",
     "draw_starts",
+    "export_policy",
     "fields",
     "flows",
     "interactions",
@@ -109,7 +113,9 @@ __all__ = [
 ]
 
 for _kind, _maker in (("parallel", "parallel_env"), ("aec", "env")):
-    _pettingzoo.register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=f"swarm.sperm_swarm_v0:{_maker}")
+    if hasattr(_pettingzoo, "register"):  # from PettingZoo 1.27 on
+        _entry = f"swarm.sperm_swarm_v0:{_maker}"
+        _pettingzoo.register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=_entry)
 _gymnasium.register(
     "chemoswarm/SpermSwarm-v0",
     entry_point="swarm.envs.single:SpermSwimmer",

@@ -15,6 +15,10 @@ def main() -> None:
         signal.signal(number, _stop)
     if sys.platform == "win32":
         _end("the command runs on Linux and macOS, and on Windows within WSL")
+    if sys.argv[1:] == ["--version"]:
+        from swarm import __version__
+
+        return print(f"chemoswarm {__version__}")
     try:
         os.getcwd()
     except FileNotFoundError:
@@ -40,7 +44,10 @@ def _open_streams() -> None:
 
 
 def _run() -> None:
-    from trainers.cli import app
+    try:
+        from trainers.cli import app
+    except ModuleNotFoundError:
+        _end(_missing())
 
     try:
         app()
@@ -55,6 +62,15 @@ def _run() -> None:
                 stream.flush()
             except (OSError, ValueError):  # of which has been told
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _missing() -> str:
+    """What this command lacks."""
+    try:
+        import trainers.settings  # noqa: F401
+    except ModuleNotFoundError as error:
+        return str(error)
+    raise
 
 
 def _stop(number: int, frame: FrameType | None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import functools
+import importlib.util
 import math
 import numbers
 import operator
@@ -16,6 +17,15 @@ from typing import Any
 from swarm._support.arrays import namespace
 
 Array = Any
+
+
+def check_installed(needs: str, *packages: str, extra: str) -> None:
+    """Raises ModuleNotFoundError where one of the packages is missing, with the extra of this software that
+    brings them; `needs` begins the line: "figures need".
+    """
+    for name in packages:
+        if importlib.util.find_spec(name) is None:
+            raise ModuleNotFoundError(f"{needs} {name}: pip install 'chemoswarm[{extra}]'", name=name)
 
 
 def check_number(

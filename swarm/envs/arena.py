@@ -14,7 +14,7 @@ from gymnasium.logger import warn
 
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
-from swarm._support.checks import check_count, check_name
+from swarm._support.checks import check_count, check_installed, check_name
 from swarm.physics.crowd.medium import MediumState
 from swarm.physics.starts import Draws, SpreadStarts, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
@@ -278,15 +278,15 @@ class Watched:
         field where it is carried, else its deviation from the world's field. Raises AttributeError in a world
         without a medium, RuntimeError before the first reset.
         """
+        check_installed("labelled grids need", "xarray", extra="results")
         import xarray as xr
 
-        medium = self.world.medium
-        if medium is None:
+        if (medium := self.world.medium) is None:
             raise no_medium()
         if not self.arena.seeds:
             raise RuntimeError("reset must be called first")
         held = self.arena.state.medium
-        x, y = (np.asarray(axis) for axis in medium.mesh.coordinates(held.origin))
+        x, y = map(np.asarray, medium.mesh.coordinates(held.origin))
         labels = {"units": "concentration", "long_name": "whole field" if medium.carried else "deviation"}
         return xr.DataArray(held.grid.copy(), {"x": x, "y": y}, ("x", "y"), "medium", labels)
 

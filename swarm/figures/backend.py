@@ -8,6 +8,8 @@ from contextlib import chdir
 from importlib.util import find_spec
 from unittest import mock
 
+from swarm._support.checks import check_installed
+
 
 def load_matplotlib() -> None:
     """Load Matplotlib; with settings of the user's that it refuses to be loaded with, without them."""
@@ -23,4 +25,5 @@ def load_matplotlib() -> None:
             import matplotlib.style  # noqa: F401
 
 
+check_installed("figures need", "matplotlib", "contourpy", "PIL", "imageio", extra="results")
 load_matplotlib()

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
 
-from swarm._support.checks import check_count
+from swarm._support.checks import check_count, check_installed
 from swarm.figures.scene import SIZE
 
 SMALLEST = 90  # height [pixels]
@@ -41,10 +40,8 @@ def check_size(size: int | None, suffix: str) -> int:
 
 def check_encoder(suffix: str) -> None:
     """Raises ModuleNotFoundError where the package that encodes such films is missing."""
-    if suffix != ".gif" and find_spec("imageio_ffmpeg") is None:
-        raise ModuleNotFoundError(
-            f'a {suffix} film needs FFmpeg: pip install "chemoswarm[video]", or take .gif'
-        )
+    if suffix != ".gif":
+        check_installed("a film other than .gif needs", "imageio_ffmpeg", extra="video")
 
 
 def write_film(path: Path, suffix: str, pictures: Iterator[np.ndarray], height: int) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from swarm._support.checks import check_installed
 from swarm.figures.scene import PANEL, SIZE, TRAIL, Camera, Glance, Scene, Segment, Teams
 from swarm.physics.world import State, World
 
@@ -121,12 +122,9 @@ class Window:
     """
 
     def __init__(self, width: int, height: int, fps: int) -> None:
-        try:
-            import pygame
-        except ModuleNotFoundError:
-            raise ModuleNotFoundError(
-                'render_mode="human" needs pygame: pip install "chemoswarm[render]"'
-            ) from None
+        check_installed('render_mode="human" needs', "pygame", extra="render")
+        import pygame
+
         self.pygame: Any = pygame
         try:
             pygame.display.init()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, Protocol, runtime_checkable
 
-from swarm.physics.world import State, World
+from swarm.physics.motion.swimmer import Way
+from swarm.physics.world import Outcome, State, World
 
 Array = Any
 
@@ -14,10 +16,11 @@ class Policy(Protocol):
     """Maps a state to actions and keeps nothing: the same state and random numbers give the same actions, on
     any array library and with any leading axes.
 
-    Used when there: `sensor`, whose records it is shown in a contest, as a world takes it; else the world's.
+    Used when there: `sensor`, whose records it is shown in a contest, as a world takes it; else the world's;
+    and `deterministic`, with which nothing is drawn for it.
     """
 
-    def act(self, world: World, state: State, uniform: Array) -> Array:
+    def act(self, world: World, state: State, uniform: Any) -> Array:
         """Whole numbers 0 … m − 1 (..., cells).
 
         `uniform` (..., cells) in [0, 1) is each cell's own random number for this decision; policies that
@@ -42,7 +45,24 @@ class CarryingPolicy(Protocol):
         ...
 
 
-AnyPolicy = Policy | CarryingPolicy
+@runtime_checkable
+class ContinuousPolicy(Protocol):
+    """A policy that takes no actions: it says what is swum to the next decision. In population tests, sweeps
+    and films, in NumPy, where its `continuous` is True.
+    """
+
+    continuous: bool
+
+    def begin(self, world: World, state: State) -> Any:
+        """As of `CarryingPolicy`; raises ValueError for a world that it cannot steer in."""
+        ...
+
+    def swim(self, world: World, state: State, noise: Array, carry: Any) -> tuple[Way, Any]:
+        """What `World.step` takes as its way, with the same noise, and the carry for the next decision."""
+        ...
+
+
+AnyPolicy = Policy | CarryingPolicy | ContinuousPolicy
 
 
 def check_policy(name: str, policy: Any) -> None:
@@ -55,15 +75,44 @@ def check_policy(name: str, policy: Any) -> None:
         )
 
 
+def is_deterministic(policy: AnyPolicy) -> bool:
+    """Whether a policy says that it leaves nothing to chance."""
+    return bool(getattr(policy, "deterministic", False))
+
+
+def fingerprint(policy: AnyPolicy) -> str:
+    """What tells a policy from others: its own `fingerprint`, as networks have one, else what it prints."""
+    own = getattr(policy, "fingerprint", None)
+    return own if isinstance(own, str) else re.sub(r" at 0x\w+", "", repr(policy))
+
+
 def begin(policy: AnyPolicy, world: World, state: State) -> Any:
     """What the policy carries into its first decision; None where it keeps nothing."""
-    return policy.begin(world, state) if isinstance(policy, CarryingPolicy) else None
+    return policy.begin(world, state) if hasattr(policy, "begin") else None
+
+
+def is_continuous(policy: Any) -> bool:
+    """Whether a policy takes no actions."""
+    return bool(getattr(policy, "continuous", False))
+
+
+def lived(
+    policy: AnyPolicy, world: World, state: State, uniform: Array, noise: Array, carry: Any = None
+) -> tuple[State, Outcome, Any]:
+    """The state after a decision of a policy of any kind, what it led to, and what the policy carries on."""
+    if is_continuous(policy):
+        assert isinstance(policy, ContinuousPolicy)
+        way, carry = policy.swim(world, state, noise, carry)
+        return *world.step(state, None, noise, way), carry
+    action, carry = decide(policy, world, state, uniform, carry)
+    return *world.step(state, action, noise), carry
 
 
 def decide(
-    policy: AnyPolicy, world: World, state: State, uniform: Array, carry: Any = None
+    policy: AnyPolicy, world: World, state: State, uniform: Array | None, carry: Any = None
 ) -> tuple[Array, Any]:
-    """Actions (..., cells) of a policy of either kind, and what it carries on."""
+    """Actions (..., cells) of a policy that takes any, and what it carries on."""
     if isinstance(policy, CarryingPolicy):
         return policy.act_carrying(world, state, uniform, carry)
+    assert isinstance(policy, Policy)
     return policy.act(world, state, uniform), carry

@@ -22,13 +22,15 @@ class Greedy:
     Where all records are equal the highest is taken (paper: greedy strategy).
     """
 
+    deterministic = True
+
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
         """Actions (..., cells)."""
         xp = namespace(state.memory)
         concentrations = state.memory[..., 0]  # normalised, which keeps their order
         newest = concentrations[..., 0]
         top = world.n_actions - 1
-        kept = _last_action(world, state)
+        kept = last_action(world, state)
         at_smallest = newest <= xp.min(concentrations, axis=-1)
         at_largest = newest >= xp.max(concentrations, axis=-1)
         return xp.where(at_largest, xp.full_like(kept, top), xp.where(at_smallest, xp.zeros_like(kept), kept))
@@ -42,6 +44,8 @@ class Swinging:
     clock, on which swinging keeps a timetable of N_T decisions; so the policy needs no memory, and where it
     takes over from another it falls into step with the timetable.
     """
+
+    deterministic = True
 
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
         """Actions (..., cells)."""
@@ -110,7 +114,7 @@ class FromObservation:
         return as_array(chosen, state.memory, dtype=namespace(state.memory).int32)
 
 
-def _last_action(world: World, state: State) -> Array:
+def last_action(world: World, state: State) -> Array:
     """The action (..., cells) of the interval that ended now, from its κ* in [−1, 1]."""
     xp = namespace(state.memory)
     normal_curvature = state.memory[..., 0, 1]

@@ -25,8 +25,9 @@ from swarm._support.tables import Table, percent
 from swarm.physics.perception import SENSORS, Memory, Sensor, Situation
 from swarm.physics.starts import draw_worlds
 from swarm.physics.world import State, World
-from swarm.policies.policy import AnyPolicy, begin, check_policy, decide
-from swarm.population.contest import memory_needed
+from swarm.physics.world.rules import in_units
+from swarm.policies.policy import AnyPolicy, begin, check_policy, decide, is_continuous
+from swarm.population.blocks.block import memory_needed
 from swarm.population.results import origin
 from swarm.population.rollout import rollout
 from swarm.population.statistics import share_interval
@@ -105,6 +106,8 @@ def _counts(
     """How many cells each policy steers: its share, and what rounding leaves to the largest remainders."""
     for name, policy in policies.items():
         check_policy(name, policy)
+        if is_continuous(policy):
+            raise ValueError(f"policy {name!r} must take actions in a contest, got {policy!r}")
     if len(policies) < 2:
         raise ValueError(f"policies must be at least two, got {list(policies)}")
     shares = dict.fromkeys(policies, 1.0) if shares is None else shares
@@ -278,7 +281,11 @@ def _dataset(
         "turn": ("world", turns.astype(np.int32), {"long_name": "worlds of a turn have the same starts"}),
         "steered_by": (by_cell, steered_by.astype(np.int32), {"long_name": "number of the policy"}),
         "winner": (by_cell, winner, {"long_name": "whether it arrived in time"}),
-        "arrival_time": (by_cell, state.arrival_time, {"long_name": "arrival at the egg", "units": "time"}),
+        "arrival_time": (
+            by_cell,
+            state.arrival_time,
+            {"long_name": "arrival at the egg", "units": in_units("time", world.units)},
+        ),
         "gain": (by_cell, gain, {"long_name": "c(end of life) − c(0)", "units": "concentration"}),
     }
     if state.medium is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,6 +14,7 @@ from swarm._support import streams
 from swarm._support.checks import check_count, check_name
 from swarm._support.tables import Table, span
 from swarm.physics.world import World
+from swarm.physics.world.rules import in_units
 from swarm.policies.policy import AnyPolicy
 from swarm.policies.strategies import Greedy
 from swarm.population.contest import population_test
@@ -126,7 +128,8 @@ def as_dataset(
     import xarray as xr
 
     perturbation = KINDS[kind]
-    about = {"long_name": perturbation.label, "units": perturbation.units}
+    own = json.loads(tests[0].attrs["world"]).get("units")
+    about = {"long_name": perturbation.label, "units": in_units(perturbation.units, own)}
     results = tests[0][["start_position", "start_heading", "past"]]
     results = results.assign_coords(noise=("noise", np.array(levels, np.float64), about))
     results["cell_gain"] = xr.concat([test["gain"] for test in tests], dim=results["noise"])

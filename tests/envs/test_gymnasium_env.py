@@ -213,6 +213,7 @@ def test_a_mask_restarts_only_some_cells():
     np.testing.assert_array_equal(observation[0], env.world.observation(env.arena.state)[0])
 
 
+@pytest.mark.skipif(gymnasium.__version__ < "1.4", reason="before, its statistics of vectors miss steps")
 def test_gymnasium_s_statistics_add_up_the_rewards_of_lives():
     for mode in ("SameStep", "NextStep"):
         env = DictInfoToList(

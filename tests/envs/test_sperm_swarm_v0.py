@@ -83,6 +83,7 @@ def test_the_arguments_are_those_that_were_promised():
         "block_delay": 0.0,
         "binding_rate": None,
         "spread": None,
+        "units": None,
     }
     for make in (sperm_swarm_v0.parallel_env, sperm_swarm_v0.env, sperm_swarm_v0.raw_env):
         parameters = inspect.signature(make).parameters
@@ -94,6 +95,7 @@ def test_swarm_parallel_env_is_the_same_function():
     assert swarm.parallel_env is sperm_swarm_v0.parallel_env
 
 
+@pytest.mark.skipif(not hasattr(pettingzoo, "make"), reason="PettingZoo has a registry from 1.27 on")
 @pytest.mark.parametrize("kind", ["parallel", "aec"])
 def test_it_is_registered_with_pettingzoo(kind):
     env = pettingzoo.make(kind, "chemoswarm/sperm_swarm_v0", n_swimmers=3)

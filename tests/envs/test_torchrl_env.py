@@ -425,7 +425,7 @@ def test_given_poses_are_started_from():
 
 
 def test_bad_arguments_are_named():
-    with pytest.raises(ValueError, match="did you mean 'n_records'"):
+    with pytest.raises(TypeError, match="did you mean 'n_records'"):
         SwarmEnv(1, n_record=4)
     with pytest.raises(ValueError, match="n_worlds must be a whole number of at least 1, got 0"):
         SwarmEnv(0)

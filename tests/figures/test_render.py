@@ -113,7 +113,7 @@ def test_a_missing_pygame_is_told_with_the_remedy(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "pygame", None)
     env = swarm.parallel_env(2, render_mode="human")
-    with pytest.raises(ModuleNotFoundError, match=r'needs pygame: pip install "chemoswarm\[render\]"'):
+    with pytest.raises(ModuleNotFoundError, match=r"needs pygame: pip install 'chemoswarm\[render\]'"):
         env.reset(seed=0)
 
 

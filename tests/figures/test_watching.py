@@ -1,6 +1,7 @@
 """Watching a policy: films and pages are written whole or not at all."""
 
 import subprocess
+import sys
 from importlib.util import find_spec
 
 import imageio.v2 as imageio
@@ -67,8 +68,8 @@ def test_only_films_have_a_size(tmp_path, out):
 
 
 def test_a_video_without_its_encoder_says_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setattr("swarm.figures.film.find_spec", lambda name: None)
-    with pytest.raises(ModuleNotFoundError, match=r'pip install "chemoswarm\[video\]", or take .gif'):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(ModuleNotFoundError, match=r"than .gif needs .*: pip install 'chemoswarm\[video\]'"):
         check_target(tmp_path / "swim.mp4")
     check_target(tmp_path / "swim.gif")
 

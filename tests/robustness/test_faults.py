@@ -466,9 +466,11 @@ def test_a_missing_package_is_said_before_there_is_a_folder(monkeypatch, capsys,
 
 
 def test_without_the_packages_for_training_there_is_no_folder(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "trainers.training.run", None)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    for name in ("trainers.training.run", "trainers.algorithms"):
+        monkeypatch.delitem(sys.modules, name)
     monkeypatch.delattr(training, "run")
-    assert "this needs a further package, chemoswarm[train] brings" in message(capsys, begin)
+    assert "training needs torch: pip install 'chemoswarm[train]'" in message(capsys, begin)
     assert not Path("run").exists()
 
 

@@ -33,6 +33,7 @@ WRONG_PARTS = {  # of keys that are None or empty by default
     "world.medium": ["abc", 3, [1], {"a": 1}, {"uptake": -1.0}, {"shape": 5}],
     "world.first_arrivals": [value for value in WRONG[int] if value is not None],
     "world.binding_rate": [value for value in WRONG[float] if value is not None],
+    "world.units": ["abc", 3, [1], {"a": 1}, ["µm"], ["µm", ""]],
     "world.spread": ["abc", 3, [1], {"a": 1}, {"speed": -1.0}, {"speed": 1.0}],
 }
 RIGHT = [("evaluation.field", None), ("world.sensor", None), ("world.start_box", None)]  # only look wrong

@@ -37,7 +37,7 @@ def test_a_search_that_is_stopped_goes_on_bit_for_bit_and_alone_as_in_a_stack(hi
     words = [*SMALL, f"learning.hidden={hidden}", "n_seeds=2", "learning.epochs=3", "world.life=8.0"]
     settings = settings_from(words)
     whole, stopped, later = Training(settings), Training(settings), Training(settings)
-    state = np.random.get_state()[1].tolist(), torch.random.get_rng_state().tolist()
+    state = np.random.get_state()[1].tolist(), torch.random.get_rng_state().tolist()  # noqa: NPY002
     trained(whole, 3)
     trained(stopped, 2)
     snapshot.restore(later, snapshot.tensors_of(stopped), snapshot.record_of(stopped))
@@ -47,7 +47,7 @@ def test_a_search_that_is_stopped_goes_on_bit_for_bit_and_alone_as_in_a_stack(hi
         assert torch.equal(later.algorithm.tensors()[name], tensor), name
     alone = trained(Training(dataclasses.replace(settings, seed=1, n_seeds=1)), 3)
     np.testing.assert_allclose(alone.measures[:, 0], whole.measures[:, 1])
-    assert (np.random.get_state()[1].tolist(), torch.random.get_rng_state().tolist()) == state
+    assert (np.random.get_state()[1].tolist(), torch.random.get_rng_state().tolist()) == state  # noqa: NPY002
 
 
 def test_the_first_action_is_worth_nothing_since_only_differences_count():

@@ -16,6 +16,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 
 from swarm._support import streams
+from swarm._support.checks import check_installed
 from swarm.envs.torchrl import SwarmEnv
 from trainers.algorithms.base import Algorithm
 from trainers.algorithms.collector import SeedCollector
@@ -47,6 +48,7 @@ class Evolution(Algorithm):
     settings: EvolutionSettings
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
+        check_installed("algorithm evolution needs", "cma", extra="evolution")
         with warnings.catch_warnings():  # of what it would plot with
             warnings.simplefilter("ignore")
             from cma import CMAEvolutionStrategy

@@ -6,12 +6,12 @@ import errno
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-ORDER = ("train", "evaluate", "compare", "watch", "list", "reproduce", "minimal", "check")
+ORDER = ("train", "evaluate", "compare", "watch", "list", "reproduce", "minimal", "check", "export")
 
 
 @contextmanager
@@ -41,10 +41,7 @@ def line_of(error: BaseException) -> str | None:
             return "there was not enough memory"
         case KeyboardInterrupt():
             return str(error) or "stopped"
-        case ImportError():
-            extra = "evolution" if error.name in ("cma", "neat") else "train"
-            return f"this needs a further package, chemoswarm[{extra}] brings what training needs: {error}"
-        case OSError() | ValueError() | TypeError() | RunError():
+        case ImportError() | OSError() | ValueError() | TypeError() | RunError():
             return str(error)
     return None
 
@@ -73,3 +70,20 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from swarm import __version__
+
+        print(f"chemoswarm {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _always(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """What every command takes."""

@@ -5,7 +5,6 @@ study that goes on. Every other file is written again at the end, each whole.
 """
 
 import dataclasses
-import importlib.util
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from swarm._support import provenance
+from swarm._support.checks import check_installed
 from swarm._support.tables import Table
 from swarm.physics.starts import draw_starts
 from trainers.jobs.executors import Task
@@ -37,9 +37,7 @@ def study(plan: MinimalPlan, out: Path, publish: Path | None = None) -> dict[str
 
     Raises ReproductionError, SettingsError, ImportError, KeyboardInterrupt or OSError.
     """
-    for name in ("cma", "neat"):
-        if importlib.util.find_spec(name) is None:
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+    check_installed("the searches need", "cma", "neat", extra="evolution")
     for folder in (out, publish or out):
         DELIVERY.check(folder)
     planned = trainings(plan, out)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm._support import files
-from swarm._support.checks import check_name, check_number, optional
+from swarm._support.checks import check_installed, check_name, check_number, optional
 from swarm.physics.grids import axes
 from swarm.physics.grids.bare import labelled
 from swarm.physics.grids.hdf5 import as_text
@@ -83,6 +83,7 @@ def read_grid(data: Any, names: Sequence[str] | None, reading: Reading, sha256: 
     Without `names` there must be one quantity only; with `sha256` the data must have that checksum. Raises
     ValueError, TypeError or OSError that names the variable, the rule and what is there instead.
     """
+    check_installed("grids need", "xarray", "scipy", "h5py", "h5netcdf", "pint", extra="results")
     path = str(files.expanded(data)) if isinstance(data, (str, os.PathLike)) else None
     found = None if path is None else checksum(path)
     if found is not None and sha256 not in (None, found):

@@ -46,6 +46,14 @@ class Interval(NamedTuple):
     swum: Array = None  # (..., cells) curvature of the arc [1 / length]; None where nobody asks for it
 
 
+class Way(NamedTuple):
+    """What cells swim in an interval."""
+
+    pose: Pose  # (..., cells, 2) at its end
+    path: Array | None  # (places, ..., cells, 2) evenly spaced in time, without the end; None: the arc tells
+    interval: Interval
+
+
 @dataclass(frozen=True)
 class Swimmer:
     """Curvature, speed and interval of each action."""

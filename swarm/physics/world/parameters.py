@@ -23,6 +23,7 @@ from swarm._support.checks import (
     optional,
     parameter,
 )
+from swarm.physics import species
 from swarm.physics.crowd.interactions import Interaction, check_interactions
 from swarm.physics.crowd.medium import Medium, check_medium
 from swarm.physics.crowd.race import Race
@@ -34,7 +35,7 @@ from swarm.physics.motion.clock import Clock
 from swarm.physics.motion.swimmer import Swimmer
 from swarm.physics.perception import Memory, MemoryWithFlow, Sensor, check_sensor
 from swarm.physics.rewards import Reward, check_reward
-from swarm.physics.world.rules import as_data, check_curvatures, check_field, check_flow, check_times
+from swarm.physics.world import rules
 from swarm.physics.world.scale import check_scale
 
 Array = Any
@@ -51,13 +52,15 @@ class Parameters(Checked):
     """
 
     n_records: int = parameter(4, check_count, at_least=2)  # N_T, records a cell keeps
-    field: Field = parameter("linear", check_field)
-    flow: Flow = parameter("still", check_flow)
+    field: Field = parameter("linear", rules.check_field)
+    flow: Flow = parameter("still", rules.check_flow)
     sense_flow: bool = parameter(False, check_flag)  # short for sensor="memory_with_flow"
     varying_speed: bool = parameter(False, check_flag)  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
     life: float = parameter(80.0, check_number, above=0.0)  # t_life [time], paper table 1
     start_box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, optional(check_box))
-    curvatures: tuple[float, ...] = parameter((3.0, 5.0), check_curvatures)  # κ₁ … κ_m [1 / length], table 1
+    curvatures: tuple[float, ...] = parameter(
+        (3.0, 5.0), rules.check_curvatures
+    )  # κ₁ … κ_m [1 / length], table 1
     speed: float = parameter(1.0, check_number, above=0.0)  # v [length / time], paper table 1
     speeds: tuple[float, float] = parameter(  # v₁, v₂, paper table 1
         (1.1, 0.9), check_pair, rule="two positive numbers", above=0.0
@@ -82,6 +85,9 @@ class Parameters(Checked):
         None, optional(check_number), above=0.0
     )
     spread: Spread | None = parameter(None, optional(check_spread))  # of speeds and curvatures over cells
+    units: tuple[str, str] | None = parameter(
+        None, optional(rules.check_units)
+    )  # of length and time, told in results
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -91,9 +97,7 @@ class Parameters(Checked):
         if self.sense_flow and not senses_flow:
             raise ValueError(f"sense_flow must go with the sensor memory_with_flow, got {self.sensor!r}")
         object.__setattr__(self, "sense_flow", senses_flow)
-        units: set[Any] = {getattr(part, "length_unit", None) for part in (self.field, self.flow)} - {None}
-        if len(units) > 1:
-            raise ValueError(f"field and flow must have positions in the same unit, got {sorted(units)}")
+        rules.check_length_units(self.units, self.field, self.flow)
         for part in (self.sensor, self.reward):
             if hasattr(part, "check"):
                 part.check(self)
@@ -102,7 +106,7 @@ class Parameters(Checked):
             raise ValueError(
                 f"mean curvature × speed must lie between 1e-9 and 1e9 rad per time, got {rates}"
             )
-        check_times(self.life, field=self.field, flow=self.flow)
+        rules.check_times(self.life, field=self.field, flow=self.flow)
         try:
             _ = self.swimmer.scheme  # raises where intervals cannot be counted or the flow varies too fast
         except ArithmeticError:
@@ -142,6 +146,13 @@ class Parameters(Checked):
             )
 
     @classmethod
+    def for_species(cls, name: str, **changes: Any) -> Self:
+        """The default world at the scale of a [species][swarm.physics.species], in µm and s; other parameters
+        are in these units. Raises ValueError for a species that is not known.
+        """
+        return cls(**{**species.parameters(name), **changes})
+
+    @classmethod
     def defaults(cls) -> dict[str, Any]:
         """Names and defaults of all parameters, in their order."""
         return {item.name: item.default for item in dataclasses.fields(cls)}
@@ -160,7 +171,9 @@ class Parameters(Checked):
         """All parameters as plain data, from which the same world can be made; a part of a user's own class,
         or one that is more than plain data, is told by the name of its class.
         """
-        return {item.name: as_data(item.name, getattr(self, item.name)) for item in dataclasses.fields(self)}
+        return {
+            item.name: rules.as_data(item.name, getattr(self, item.name)) for item in dataclasses.fields(self)
+        }
 
     @cached_property
     def n_actions(self) -> int:

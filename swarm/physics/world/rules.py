@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -76,6 +77,28 @@ def check_curvatures(name: str, values: Any) -> tuple[float, ...]:
     if np.ptp(steps) > 1e-9 * steps[0]:
         raise ValueError(f"{name} must be evenly spaced, got {curvatures}")
     return curvatures
+
+
+def check_units(name: str, value: Any) -> tuple[str, str]:
+    """Return `value` as names of two units; raises ValueError where it is none."""
+    units = () if isinstance(value, str) or not isinstance(value, Sequence) else tuple(value)
+    if len(units) != 2 or not all(isinstance(unit, str) and unit.isprintable() and unit for unit in units):
+        raise ValueError(f"{name} must be the units of length and time, as ('µm', 's'), got {value!r}")
+    return units[0], units[1]
+
+
+def check_length_units(units: tuple[str, str] | None, *parts: Any) -> None:
+    """Raises ValueError unless the world and the data of its parts have positions in one unit."""
+    found: set[Any] = {getattr(part, "length_unit", None) for part in parts} | {units and units[0]}
+    if len(found := found - {None}) > 1:
+        raise ValueError(f"field and flow must have positions in the same unit, got {sorted(found)}")
+
+
+def in_units(unit: str, units: Sequence[str] | None) -> str:
+    """A unit told by "length" and "time", as "1/length", in a world's units."""
+    for name, own in zip(("length", "time"), units or (), strict=False):
+        unit = unit.replace(name, own)
+    return unit
 
 
 def as_data(name: str, part: Any) -> Any:

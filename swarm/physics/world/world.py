@@ -1,7 +1,7 @@
 """The world: the state of its cells, its start, and one decision of every cell.
 
-All functions are pure and written against the Python array API, so NumPy, torch and jax arrays of any leading
-axes (..., cells) work alike. Randomness comes in as arrays.
+All functions are pure, of the Python array API: NumPy, torch and jax arrays of any leading axes (..., cells)
+work alike. Randomness comes in as arrays.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from swarm.physics.motion.arc import (
 )
 from swarm.physics.motion.clock import frozen
 from swarm.physics.motion.domain import kept
-from swarm.physics.motion.swimmer import Interval
+from swarm.physics.motion.swimmer import Interval, Way
 from swarm.physics.perception import Situation
 from swarm.physics.world.parameters import Parameters
 from swarm.physics.world.state import NOISE_CHANNELS, Outcome, State, check_noise, check_start, pose_of
@@ -99,10 +99,8 @@ class World(Parameters):
         known, in a medium as it is at first or as given; `cells` are what `_record` asks of them.
         """
         field = frozen(self.field, 0.0)
-        by_action = [
-            as_array(np.asarray(values), pose.position)
-            for values in (self.curvatures, self.action_speeds, self.intervals)
-        ]
+        tables = self.curvatures, self.action_speeds, self.intervals
+        by_action = [as_array(np.asarray(values), pose.position) for values in tables]
         records: list[Sequence[Array]] = []
         for i in range(self.n_records):
             curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
@@ -118,23 +116,17 @@ class World(Parameters):
                 pose, _ = kept(self.domains, self.swimmer.swim_back(pose, curvature, speed, interval), pose)
         return records
 
-    def step(self, state: State, action: Array, noise: Array = None) -> tuple[State, Outcome]:
+    def step(
+        self, state: State, action: Array, noise: Array = None, way: Any = None
+    ) -> tuple[State, Outcome]:
         """One decision of every cell, whatever its length; a finished cell stays where it is, and one that
         leaves the domain where it was before: fields and flows are not asked outside.
 
         `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed
-        when a perturbation is on, and with a `binding_rate` a fourth of uniform ones. Pure: `state` is left
-        as it was.
+        when a perturbation is on, and with a `binding_rate` a fourth of uniform ones; a `Way` is swum in
+        place of the action's. Pure: `state` is left as it was.
         """
-        if self.has_noise:
-            check_noise(self, state, noise)
-        over = state.finished if self._ends_early or not self.clock.has_common_tick else None
-        kick = self._kick(action, noise)
-        interval = self.swimmer.next_interval(state.clock, action, over, kick, state.position, state.factors)
-        if self._needs_arcs:
-            arcs = self.swimmer.swum_curvature(action, kick, state.position, state.factors)
-            interval = interval._replace(swum=arcs)
-        pose, path = self._swim(state, interval)
+        pose, path, interval = self._way(state, action, noise) if way is None else way
         medium = None if self.medium is None else self._medium(state, interval, pose)
         if self.rotational_diffusion > 0:
             xp = namespace(noise)
@@ -158,11 +150,16 @@ class World(Parameters):
         reward = self.reward.reward(self, state, after, Outcome(observation, None, *ends))
         return after, Outcome(observation, reward, *ends)
 
-    def _kick(self, action: Array, noise: Array) -> Array:
-        """What is added to the curvature (..., cells) [1 / length]; None where nothing is."""
+    def interval(self, state: State, action: Array, noise: Array = None) -> tuple[Interval, Array]:
+        """What cells do until the next decision, and the kick of their curvature (None: none)."""
+        if self.has_noise:
+            check_noise(self, state, noise)
+        kick = self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
         if self.curvature_diffusion > 0:
-            return look_up(as_array(np.asarray(self.curvature_spreads), noise), action) * noise[..., 1]
-        return self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
+            kick = look_up(as_array(np.asarray(self.curvature_spreads), noise), action) * noise[..., 1]
+        over = state.finished if self._ends_early or not self.clock.has_common_tick else None
+        given = over, kick, state.position, state.factors
+        return self.swimmer.next_interval(state.clock, action, *given), kick
 
     def time(self, state: State) -> Array:
         """Time lived (..., cells), `life` exactly when it is up [time]."""
@@ -183,14 +180,18 @@ class World(Parameters):
 
     # --- what happens within a decision ---------------------------------------------------------------------
 
-    def _swim(self, state: State, interval: Interval) -> tuple[Pose, Array | None]:
-        """The pose after it, and the places on the way to it where the arc does not tell them."""
+    def _way(self, state: State, action: Array, noise: Array) -> Way:
+        """The way of an action."""
+        interval, kick = self.interval(state, action, noise)
+        if self._needs_arcs:
+            arcs = self.swimmer.swum_curvature(action, kick, state.position, state.factors)
+            interval = interval._replace(swum=arcs)
         began = None if self.is_steady else self.time(state)
         company = self.swimmer.company
         if company is None:
-            return self.swimmer.swim(pose_of(state), interval, began)
+            return Way(*self.swimmer.swim(pose_of(state), interval, began), interval)
         arcs = interval.swum, interval.speed, interval.length
-        return company.swim(pose_of(state), *arcs, ~state.finished, began)
+        return Way(*company.swim(pose_of(state), *arcs, ~state.finished, began), interval)
 
     def _medium(self, state: State, interval: Interval, pose: Pose) -> Any:
         """The medium at the end of a decision in which cells ate along their ways."""
