@@ -10,7 +10,7 @@ import pytest
 from swarm import World, load_policy
 from swarm.physics.starts import draw_starts
 from swarm.policies.network import Network
-from swarm.population.contest import lives
+from swarm.population.blocks.block import lives
 from trainers.minimal import drawing, search
 from trainers.minimal.brain import Brains, brains_of, gains, stacked
 from trainers.minimal.plan import MinimalPlan

@@ -139,8 +139,9 @@ def draw(brain: Brains, digits: int, title: str, path: Path) -> None:
     import io
 
     with style.in_style({"svg.fonttype": "none"}):
-        figure = style.canvas(1.0, 0.62)
-        graph, lines = figure.subplots(2, 1, height_ratios=[4, 1 + brain.nodes])
+        height = 0.5 + 0.03 * brain.nodes, 0.05 * (1 + brain.nodes)
+        figure = style.canvas(1.0, sum(height))
+        graph, lines = figure.subplots(2, 1, height_ratios=height)
         for axes in (graph, lines):
             axes.axis("off")
         graph.set_title(title)

@@ -15,7 +15,7 @@ from swarm.optimal.physical_limit import limit
 from swarm.physics.starts import draw_starts
 from swarm.policies.network import Network
 from swarm.policies.strategies import Greedy
-from swarm.population.contest import lives
+from swarm.population.blocks.block import lives
 from swarm.population.results import RIVAL
 from trainers.minimal import neuroevolution, search
 from trainers.minimal.brain import Brains, brains_of, gains, stacked
