@@ -2,6 +2,7 @@
 in words.
 """
 
+import io
 import re
 import xml.etree.ElementTree
 from collections.abc import Sequence
@@ -136,11 +137,10 @@ def words(brain: Brains, world: World) -> str:
 
 def draw(brain: Brains, digits: int, title: str, path: Path) -> None:
     """Draw a single brain as SVG whose text stays text."""
-    import io
-
     with style.in_style({"svg.fonttype": "none"}):
         height = 0.5 + 0.03 * brain.nodes, 0.05 * (1 + brain.nodes)
         figure = style.canvas(1.0, sum(height))
+        figure.set_layout_engine("none")  # formulas may be wider than the graph
         graph, lines = figure.subplots(2, 1, height_ratios=height)
         for axes in (graph, lines):
             axes.axis("off")
