@@ -82,5 +82,6 @@ def _config(inputs: int, genomes: int) -> Any:
             neat.DefaultStagnation,
             str(path),
         )
-    config.genome_config.add_activation("tanh", math.tanh)  # the package's own is tanh(2.5 x)
+    # The package's own is tanh(2.5 x), and it asks for a function of Python.
+    config.genome_config.add_activation("tanh", lambda total: math.tanh(total))
     return config
