@@ -153,12 +153,14 @@ def _case(plan: MinimalPlan, case: str, found: CaseFindings, drawn: Drawn) -> st
     ]
     (pair,) = [each for each in found.measured if each.rung.method == MACHINE]
     a, b = _thresholds(pair.rung.brains)
+    world = plan.test_world(case)
+    swing = " to ".join(f"±{world.mean_curvature / curvature:.2f}" for curvature in world.curvatures)
     greedy = percent(float(found.greedy.mean()) / found.limit)
     return f"""## {case}
 
 The limit is {found.limit:.2f}, of which greedy gains {greedy}. The two-state machine gains
 {_fraction(found.fraction(pair))}: κ₁ turns into κ₂ where c* > {a}, κ₂ into κ₁ where c* < {b}
-(means over seeds ± standard deviations; c* swings by about ±1). With one tanh layer, of the limit:
+(means over seeds ± standard deviations; on a circle c* swings by {swing}). With one tanh layer, of the limit:
 
 {Table.of(ladder).as_markdown()}
 With ever fewer parameters and no node:
