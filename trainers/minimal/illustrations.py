@@ -8,7 +8,7 @@ import numpy as np
 
 from swarm import figures
 from swarm.figures import style
-from trainers.minimal.measurements import METHODS, CaseFindings, Measured
+from trainers.minimal.measurements import METHODS, PRUNED, CaseFindings, Measured
 
 FOLDER, FIGURE = "figures", "parameters.png"
 LEVELS = (0.95, 0.99)
@@ -36,6 +36,12 @@ def _panel(axes: Any, found: CaseFindings) -> None:
     """What of the limit is missing, by the number of parameters, on logarithmic axes."""
     for method, label in METHODS.items():
         rows = best_by_size(found, method)
+        if method == PRUNED:  # of networks of all widths
+            rows = [
+                each
+                for place, each in enumerate(rows)
+                if all(each.validation.mean() > smaller.validation.mean() for smaller in rows[:place])
+            ]
         if not rows:
             continue
         colour, marker = LOOKS[method]

@@ -134,8 +134,8 @@ def _figure(found: Mapping[str, CaseFindings]) -> str:
 ![What is missing of the limit, by the number of parameters]({FOLDER}/{FIGURE})
 
 *What of the limit is missing in the test, by the number of parameters, for {", ".join(found)}; of rungs of
-the same size the one that validation prefers. Grey lines: 95% and 99% of the limit. Dashed: greedy, which
-has no parameter.*
+the same size the one that validation prefers; of pruned networks, those that it prefers to all smaller ones.
+Grey lines: 95% and 99% of the limit. Dashed: greedy, which has no parameter.*
 """
 
 

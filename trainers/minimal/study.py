@@ -57,9 +57,9 @@ def study(plan: MinimalPlan, out: Path, publish: Path | None = None) -> dict[str
     tables = _tabulated(plan)
     with staging(out) as staged:
         _write(staged, plan, found, planned, tables)
-        for folder in (publish, out):
-            if folder is not None:
-                DELIVERY.put_in_place(staged, folder)
+        for whole in (publish, out):
+            if whole is not None:
+                DELIVERY.put_in_place(staged, whole)
     return found
 
 
