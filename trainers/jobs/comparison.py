@@ -169,10 +169,20 @@ def grouped(contenders: Sequence[Contender]) -> list[Group]:
         keys += [key] if any(_differs(key, list(each)) for _, each in alike) else []
     groups: dict[str, dict[int, Contender]] = {}
     for contender, each in zip(contenders, described, strict=True):
-        parts = [each[key] if key in NAMES else f"{key}={each[key]}" for key in keys if key in each]
+        parts = [each[key] if key in NAMES else f"{key}={_short(each[key])}" for key in keys if key in each]
         label = " ".join(parts or _names(each))
         groups.setdefault(label, {}).setdefault(contender.seed, contender)
     return [Group(label, list(members.values())) for label, members in groups.items()]
+
+
+def _short(value: Any) -> str:
+    """A setting in few words: a part of a world by its type and what it states, a checksum by its beginning."""
+    if not isinstance(value, Mapping):
+        return str(value)
+    stated = {key: each for key, each in value.items() if each is not None and key != "type"}
+    told = [f"{key} {str(each)[:8] if key == 'sha256' else _short(each)}" for key, each in stated.items()]
+    kind = [value["type"]] if "type" in value else []
+    return " ".join([*kind, *([f"({', '.join(told)})"] if told else [])])
 
 
 def _names(described: Mapping[str, Any]) -> list[str]:

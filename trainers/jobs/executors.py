@@ -106,7 +106,8 @@ class Processes(Executor):
             return future.result()
         except (BrokenExecutor, KeyboardInterrupt):
             self._own.process = None
-            raise RunError("its process was stopped, perhaps because memory ran out") from None
+            why = "" if self._stopped else ", perhaps because memory ran out"
+            raise RunError(f"its process was stopped{why}") from None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Wait for what runs; with `cancel_futures`, begin nothing more and ask what runs to save and end."""
