@@ -170,7 +170,7 @@ class JaxSwarmEnv:
             path = None if way is None else jnp.broadcast_to(cells.position, way.shape)
             return *components(cells.position), *components(cells.heading), path
 
-        x, y, *heading, path = jax.lax.cond(jnp.all(cells.finished), stood, swum)
+        x, y, *heading, path = jax.lax.cond(_all_over(cells.finished), stood, swum)
         interval = self.world.way(cells, action, noise).interval
         return Way(Pose(join(x, y), join(*heading)), path, interval)
 
@@ -256,6 +256,17 @@ def _each(function: Callable[[Array], Any], key: Array) -> Any:
 def _where(chosen: Array, new: Array, old: Array) -> Array:
     """`new` (worlds, ...) where the world is chosen (worlds,), else `old`."""
     return jnp.where(jnp.reshape(chosen, (*chosen.shape, *(1,) * (new.ndim - chosen.ndim))), new, old)
+
+
+@custom_vmap
+def _all_over(finished: Array) -> Array:
+    """Whether all cells of all worlds have finished: one answer, which `vmap` does not multiply."""
+    return jnp.all(finished)
+
+
+@_all_over.def_vmap
+def _(size: int, batched: Any, finished: Array) -> tuple[Array, bool]:
+    return _all_over(finished), False
 
 
 def _whole(function: Callable[..., Any]) -> Callable[..., Any]:
