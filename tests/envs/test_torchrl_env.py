@@ -426,9 +426,7 @@ def test_given_poses_are_started_from():
 
 
 def test_bad_arguments_are_named():
-    with pytest.raises(
-        ValueError, match=r"seed must be left out where seeds are given, got 3 beside \[1, 2\]"
-    ):
+    with pytest.raises(ValueError, match=r"seed must be left out .* got 3 beside \[1, 2\]"):
         SwarmEnv(2, seed=3, seeds=[1, 2])
     with pytest.raises(TypeError, match="did you mean 'n_records'"):
         SwarmEnv(1, n_record=4)

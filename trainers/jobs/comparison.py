@@ -176,7 +176,7 @@ def grouped(contenders: Sequence[Contender]) -> list[Group]:
 
 
 def _short(value: Any) -> str:
-    """A setting in few words: a part of a world by its type and what it states, a checksum by its beginning."""
+    """A setting in few words: parts of a world by type and what they state, checksums by their beginning."""
     if not isinstance(value, Mapping):
         return str(value)
     stated = {key: each for key, each in value.items() if each is not None and key != "type"}
