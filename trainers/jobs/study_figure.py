@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from swarm._support.checks import check_name
+from swarm._support.tables import with_symbols
 from swarm.population.statistics import independent, mean_interval
 from trainers.jobs.comparison import in_symbols
 
@@ -28,7 +29,7 @@ RESERVED = (
     "statistic",
 )  # axes of a study's dataset beside its own
 FORM = "STATISTIC:AXIS[:AXIS=VALUE,...]"
-LEARNT, LIMIT = "learnt", "optimal"  # what figures call them
+LEARNT, LIMIT = "learnt", "limit"  # what figures call them
 Array = Any
 
 
@@ -80,6 +81,8 @@ STATISTICS = {
     "median_time_to_egg": Statistic("median time to the egg", "time", _of_arrived(np.median), True),
 }
 
+SHARES = ("wins", "arrived")
+
 
 def sample(lives: Lives, statistic: str) -> Array:
     """What a statistic is the mean of: (seeds, independent units); NaN where there is no egg."""
@@ -96,6 +99,8 @@ def estimate(lives: Lives, statistic: str) -> tuple[float, float, float]:
     """A statistic over all seeds, with its 95% interval over seeds and cells; NaN where there is none."""
     values = sample(lives, statistic)
     low, high = (mean_interval(values) if np.isfinite(values).all() else None) or (np.nan, np.nan)
+    if statistic in SHARES:
+        low, high = np.clip([low, high], 0.0, 1.0).tolist()
     return float(values.mean()), low, high
 
 
@@ -216,30 +221,48 @@ def _lines(
     fixed: Mapping[str, Any],
 ) -> dict[str, Array]:
     """By name (levels, 3): the statistic with its interval, of policies, references and the limit."""
-    several = [name for name, values in others.items() if len(values) > 1]
-    learnt, beside = {}, {}
-    for values in itertools.product(*others.values()):
-        place = dict(zip(others, values, strict=True)) | dict(fixed)
-        told = in_symbols(" ".join(f"{name}={place[name]}" for name in several))
-        places = [place | {request.axis: level} for level in levels]
-        learnt[told or LEARNT] = _found(study, request.statistic, places)
-        own = {} if request.statistic in ("over_greedy", "wins") else {"greedy": None}
-        for name in own | dict.fromkeys(study["policy"].values.tolist()[1:]):
-            beside[name, told] = _found(study, request.statistic, places, name)
+    several = {name: values for name, values in others.items() if len(values) > 1}
+    same = {name: values[0] for name, values in others.items() if len(values) == 1} | dict(fixed)
+    rivals = study["policy"].values.tolist()[request.statistic in ("over_greedy", "wins") :]
+    found: dict[str, Array] = {}
+    beside: dict[str, dict[tuple, Array]] = {name: {} for name in (*rivals, LIMIT)}
+    for values in itertools.product(*several.values()):
+        places = [same | dict(zip(several, values, strict=True)) | {request.axis: level} for level in levels]
+        found[_told(several, values) or LEARNT] = _found(study, request.statistic, places)
+        for name in rivals:
+            beside[name][values] = _found(study, request.statistic, places, name)
         if request.statistic == "gain":
             limits = [lives_at(study, each).limit for each in places]
-            beside[LIMIT, told] = np.array([[limit, np.nan, np.nan] for limit in limits])
-    return learnt | _alike(beside)
-
-
-def _alike(beside: Mapping[tuple[str, str], Array]) -> dict[str, Array]:
-    """Lines by name, one for all combinations where it is the same; without those that have no number."""
-    found: dict[str, Array] = {}
-    for (name, told), line in beside.items():
-        if np.isfinite(line[:, 0]).any():
-            same = name in found and np.array_equal(found[name], line, equal_nan=True)
-            found |= {} if same else {f"{name}, {told}" if name in found else name: line}
+            beside[LIMIT][values] = np.array([[limit, np.nan, np.nan] for limit in limits])
+    for name, lines in beside.items():
+        found |= _once(name, list(several), lines)
     return found
+
+
+def _once(name: str, axes: Sequence[str], lines: Mapping[tuple, Array]) -> dict[str, Array]:
+    """Lines by the values of the axes that they vary with; without those that have no number."""
+
+    def varies(place: int) -> bool:
+        alike: dict[tuple, Array] = {}
+        for values, line in lines.items():
+            first = alike.setdefault((*values[:place], *values[place + 1 :]), line)
+            if not np.array_equal(first, line, equal_nan=True):
+                return True
+        return False
+
+    which = [place for place in range(len(axes)) if varies(place)]
+    found = {}
+    for values, line in lines.items():
+        if np.isfinite(line[:, 0]).any():
+            told = _told([axes[place] for place in which], [values[place] for place in which])
+            found[f"{name}, {told}" if told else name] = line
+    return found
+
+
+def _told(axes: Iterable[str], values: Iterable[Any]) -> str:
+    """Values of axes, by the symbols of the field or without the sections of their keys."""
+    words = in_symbols(" ".join(f"{axis}={value}" for axis, value in zip(axes, values, strict=True)))
+    return re.sub(r"(?<!\S)(world|learning|evaluation)\.", "", words)
 
 
 def _found(
@@ -249,5 +272,7 @@ def _found(
 
 
 def _label(study: xr.Dataset, axis: str) -> str:
+    from swarm.figures import plain
+
     units = study[axis].attrs.get("units")
-    return in_symbols(axis) + (f" [{units}]" if units else "")
+    return with_symbols(_told([axis], [""]).rstrip("="), plain) + (f" [{units}]" if units else "")

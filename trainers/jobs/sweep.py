@@ -80,8 +80,8 @@ def _run(folder: Path, runs: Mapping[str, Settings], executor: Executor) -> None
 
 
 def trainings(runs: Mapping[Path, Settings], executor: Executor) -> tuple[list[Task], Executor]:
-    """Tasks that train these runs in their folders, and what does them: on a cluster only epochs are computed,
-    this process keeps the folders.
+    """Tasks that train these runs in their folders, and what does them: on a cluster only epochs are
+    computed, this process keeps the folders.
     """
     do: Callable[..., None] = train_in
     first: list[tuple[Any, ...]] = [()] * len(runs)
