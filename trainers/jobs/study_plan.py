@@ -218,7 +218,7 @@ def tested_in(settings: Settings, name: str, test: TestSettings) -> tuple[World,
     own |= {} if test.life is None else {"life": test.life}
     own |= {"field": None} if "field" in test.world else {}
     changed = {"world": settings.world | test.world, "evaluation": own}
-    world = checked(dataclasses.asdict(settings) | changed, f"tests.{name}.").test_world()
+    world = checked(dataclasses.asdict(settings) | changed, f"tests.{name}: ").test_world()
     learnt_in = settings.training_world()
     shape, given = ((each.observation_size, each.n_actions) for each in (learnt_in, world))
     if shape != given:
