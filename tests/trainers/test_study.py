@@ -225,7 +225,7 @@ def test_the_egg_is_reached_where_there_is_one():
         ({"grid": {NOISE: 0.1}}, "grid.world.concentration_noise must be a list of values, or of each"),
         ({"grid": {NOISE: [0.1, 0.1]}}, "concentration_noise must hold every value once, got 0.1, 0.1"),
         ({"grid": {"world.noise": [1]}}, "settings have no key 'world.noise'; did you mean 'world."),
-        ({"grid": {NOISE: [0.1, -1.0]}}, "concentration_noise must be a finite number of at least 0, got -1.0"),
+        ({"grid": {NOISE: [0.1, -1.0]}}, "noise must be a finite number of at least 0, got -1.0"),
         ({"grid": {"seed": [1]}}, "grid must have axes of other names than seed, "),
         ({"grid": {"a b": [1]}}, "grid must have axes named by letters, digits, dots and _, got 'a b'"),
         ({"settings": {"n_seeds": 2}}, "settings must leave seeds to the key seeds, got n_seeds"),

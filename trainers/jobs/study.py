@@ -5,11 +5,13 @@ figures. Runs are known by their settings and seeds, wherever in the grid they a
 trained nor tested again, what is asked for no longer stays, but is not in the dataset.
 """
 
+import dataclasses
 import hashlib
 import json
 import os
 import shlex
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -107,48 +109,47 @@ Runs = dict[tuple[str, int], tuple[Path, Settings]]  # by what is learnt and the
 def _trained(folder: Path, plan: Plan, where: Where) -> Runs:
     """The run of every place and seed, trained."""
     there = known_runs(folder / RUNS)
-    wanted = dict.fromkeys((point.learnt, seed) for point in plan.points for seed in plan.seeds)
     new = _new_runs(folder / RUNS, plan, there)
-    old = {there[key] for key in wanted if key in there}
-    runs = {path: RunFolder.open(path)[1] for path in sorted(old) if not RunFolder(path).finished}
-    begun = {path: settings_from_stored(stored, path) for path, stored in runs.items()}
-    left = begun | new
-    print(f"{len(old) + len(new)} runs in {folder}: {len(old) - len(begun)} are trained, {len(begun)} begun")
+    runs = _by_seed(new) | there
+    runs = {(point.learnt, seed): runs[point.learnt, seed] for point in plan.points for seed in plan.seeds}
+    wanted = dict(runs.values())
+    left = {path: settings for path, settings in wanted.items() if not RunFolder(path).finished}
+    done, begun = len(wanted) - len(left), len(left) - len(new)
+    print(f"{len(wanted)} runs in {folder}: {done} are trained, {begun} begun, {len(new)} new")
     if left:
         (folder / RUNS).mkdir(exist_ok=True)
         tasks, executor = trainings(left, launched(*where))
         _done(folder, run_tasks(tasks, executor, title="trainings"), "runs")
-    there = known_runs(folder / RUNS)
-    settings = {
-        path: settings_from_stored(RunFolder.open(path)[1], path) for path in {there[key] for key in wanted}
-    }
-    return {key: (there[key], settings[there[key]]) for key in wanted}
+    return runs
 
 
-def known_runs(folder: Path) -> dict[tuple[str, int], Path]:
+def known_runs(folder: Path) -> Runs:
     """The run that trains a seed, by what is learnt and the seed, of those in a folder."""
-    found: dict[tuple[str, int], Path] = {}
-    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+    found: dict[Path, Settings] = {}
+    for path in sorted(folder.iterdir(), reverse=True) if folder.is_dir() else ():
         if is_run_folder(path):
-            try:
-                settings = settings_from_stored(RunFolder.open(path)[1], path)
-            except (RunError, SettingsError):
-                continue  # of another version, or a stranger
-            found = dict.fromkeys(((learnt(settings), seed) for seed in settings.seeds), path) | found
-    return found
+            with suppress(RunError, SettingsError):  # of another version, or a stranger
+                found[path] = settings_from_stored(RunFolder.open(path)[1], path)
+    return _by_seed(found)
 
 
-def _new_runs(folder: Path, plan: Plan, there: Mapping[tuple[str, int], Path]) -> dict[Path, Settings]:
+def _by_seed(runs: Mapping[Path, Settings]) -> Runs:
+    return {
+        (learnt(settings), seed): (path, settings)
+        for path, settings in runs.items()
+        for seed in settings.seeds
+    }
+
+
+def _new_runs(folder: Path, plan: Plan, there: Runs) -> dict[Path, Settings]:
     """Runs that are to be begun, by their folders."""
-    from dataclasses import replace
-
     found: dict[Path, Settings] = {}
     planned = set(there)
     for point in plan.points:
         missing = [seed for seed in plan.seeds if (point.learnt, seed) not in planned]
         planned |= {(point.learnt, seed) for seed in missing}
         for first, count in stacks(missing, plan.stack):
-            settings = replace(point.settings, seed=first, n_seeds=count)
+            settings = dataclasses.replace(point.settings, seed=first, n_seeds=count)
             check_machine(settings)
             name = name_of(plan.axes, point, first, count)
             if len(os.fsencode(name)) > MAX_NAME:
@@ -181,14 +182,15 @@ def _tested(folder: Path, plan: Plan, runs: Runs, where: Where) -> Files:
     found: Files = {}
     tasks: dict[Path, Task] = {}
     for place, point in enumerate(plan.points):
-        for path in dict.fromkeys(runs[point.learnt, seed][0] for seed in plan.seeds):
-            run, settings = RunFolder(path), runs_settings(runs, path)
+        for path, settings in dict(runs[point.learnt, seed] for seed in plan.seeds).items():
+            run = RunFolder(path)
             own = {f"seed {seed}": load_policy(each) for seed, each in run.policies(settings)}
             for test, (world, sizes) in point.tests.items():
                 policies = own | point.references[test]
                 file = folder / TESTS / f"{test}-{_digest(world, policies, sizes)}.nc"
-                for seed in set(settings.seeds) & set(plan.seeds):
-                    found[place, seed, test] = file, f"seed {seed}", path.name
+                for seed in plan.seeds:
+                    if runs[point.learnt, seed][0] == path:
+                        found[place, seed, test] = file, f"seed {seed}", path.name
                 if not file.exists():
                     seconds = float(world.max_decisions * sizes["cells"] * sizes["worlds"] * len(policies))
                     keep = partial(_keep, file)
@@ -199,11 +201,6 @@ def _tested(folder: Path, plan: Plan, runs: Runs, where: Where) -> Files:
         (folder / TESTS).mkdir(exist_ok=True)
         _done(folder, run_tasks(list(tasks.values()), launched(*where), title="tests"), "tests")
     return found
-
-
-def runs_settings(runs: Runs, path: Path) -> Settings:
-    """The settings of a run."""
-    return next(settings for each, settings in runs.values() if each == path)
 
 
 def lived(world: World, policies: Mapping[str, AnyPolicy], sizes: Mapping[str, Any]) -> xr.Dataset:
