@@ -67,7 +67,7 @@ def study(
     plan = plan_of(file)
     for point in plan.points:
         check_machine(point.settings)
-    known = {**plan.axes, "seed": plan.seeds, "test": plan.tests}
+    known: dict[str, Sequence[Any]] = {**plan.axes, "seed": plan.seeds, "test": plan.tests}
     plan = plan._replace(figures=[*plan.figures, *(request_of(each, known) for each in figures)])
     if not (folder / FILE).is_file():
         files.check_new_folder(folder)

@@ -11,6 +11,7 @@ import numpy as np
 
 from swarm._support.checks import check_name
 from swarm._support.tables import with_symbols
+from swarm.population.results import RIVAL
 from swarm.population.statistics import independent, mean_interval
 from trainers.jobs.comparison import in_symbols
 
@@ -76,7 +77,9 @@ STATISTICS = {
     ),
     "lowest": Statistic("lowest gain", "concentration", lambda lives: lives.gain.min(axis=CELLS)),
     "highest": Statistic("highest gain", "concentration", lambda lives: lives.gain.max(axis=CELLS)),
-    "arrived": Statistic("cells at the egg", "1", lambda lives: np.isfinite(lives.times) * 1.0, True),
+    "arrived": Statistic(
+        "cells at the egg", "1", lambda lives: np.isfinite(np.asarray(lives.times)) * 1.0, True
+    ),
     "time_to_egg": Statistic("mean time to the egg", "time", _of_arrived(np.mean), True),
     "median_time_to_egg": Statistic("median time to the egg", "time", _of_arrived(np.median), True),
 }
@@ -113,20 +116,18 @@ def lives_at(study: xr.Dataset, place: Mapping[str, Any], policy: str | None = N
     def cells(name: str) -> Array | None:
         if name not in study:
             return None
-        values = seeds[name] if references is None else references[f"reference_{name}"]
-        values = values.transpose(..., "cell").values
+        found = seeds[name] if references is None else references[f"reference_{name}"]
+        values = found.transpose(..., "cell").values
         return values if "world" in study.dims else values[:, None]
 
     gain = cells("gain")
     assert gain is not None
     there = np.isfinite(gain[0])
     inner = slice(None), slice(there.any(axis=1).sum()), slice(there.any(axis=0).sum())
-    times, greedy = (
-        cells("time_to_egg"),
-        here["reference_gain"].sel(policy="greedy").transpose(..., "cell").values,
-    )
+    times = cells("time_to_egg")
     times = None if times is None or np.isnan(times[inner]).any() else times[inner]
-    greedy = (greedy if "world" in study.dims else greedy[None])[inner[1:]]
+    rival = here["reference_gain"].sel(policy=RIVAL).transpose(..., "cell").values
+    greedy = (rival if "world" in study.dims else rival[None])[inner[1:]]
     return Lives(gain[inner], greedy, times, float(here["limit"]), bool(here["coupled"]))
 
 
@@ -198,18 +199,27 @@ def panels(study: xr.Dataset, request: Request) -> list[Sweep]:
     others |= {name: [value] for name, value in request.chosen.items() if name != "seed"}
     tests = others.pop("test", [None])
     kind = STATISTICS[request.statistic]
-    named = not any(isinstance(each, str) for each in levels)
+    numeric = not any(isinstance(each, str) for each in levels)
     found = []
     for test in tests:
         fixed = ({} if test is None else {"test": test}) | {
             name: value for name, value in request.chosen.items() if name == "seed"
         }
         lines = _lines(study, request, levels, others, fixed)
-        numeric = levels if named else range(len(levels))
         title = f"{kind.label} ({plain(test)})" if len(tests) > 1 else kind.label
-        marks = {} if named else {place: plain(level) for place, level in enumerate(levels)}
-        about = {"marks": marks, "joined": named}
-        found.append(Sweep(list(numeric), lines, _label(study, request.axis), title, **about))
+        marks: dict[float, str] = (
+            {} if numeric else {place: plain(level) for place, level in enumerate(levels)}
+        )
+        found.append(
+            Sweep(
+                levels if numeric else range(len(levels)),
+                lines,
+                _label(study, request.axis),
+                title,
+                marks,
+                joined=numeric,
+            )
+        )
     return found
 
 
@@ -243,7 +253,7 @@ def _once(name: str, axes: Sequence[str], lines: Mapping[tuple, Array]) -> dict[
     """Lines by the values of the axes that they vary with; without those that have no number."""
 
     def varies(place: int) -> bool:
-        alike: dict[tuple, Array] = {}
+        alike: dict[tuple, np.ndarray] = {}
         for values, line in lines.items():
             first = alike.setdefault((*values[:place], *values[place + 1 :]), line)
             if not np.array_equal(first, line, equal_nan=True):
