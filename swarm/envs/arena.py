@@ -14,7 +14,7 @@ from gymnasium.logger import warn
 
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
-from swarm._support.checks import check_count, check_installed, check_name
+from swarm._support.checks import check_count, check_installed, check_name, check_options
 from swarm.physics.crowd.medium import MediumState
 from swarm.physics.starts import Draws, SpreadStarts, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
@@ -107,7 +107,7 @@ class Arena:
         `options["position"]` (cells, 2) [length], `options["heading"]` (cells,) [rad].
         """
         seeds, episode = self._next(seed)
-        state, action = self._begin(seeds, episode, options or {})
+        state, action = self._begin(seeds, episode, check_options(options))
         observation = self.world.observation(state)
         gain = np.zeros(self.n_swimmers, self.dtype)
         self._check_finite(state, observation, gain)
