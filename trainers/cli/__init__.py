@@ -1,6 +1,16 @@
 """The command `swarm`: every command and its options. Heavy imports wait until they are needed."""
 
-from trainers.cli import export, listing, minimal, populations, reports, training
+from trainers.cli import export, listing, minimal, populations, reports, study, training
 from trainers.cli.app import app, errors_as_lines
 
-__all__ = ["app", "errors_as_lines", "export", "listing", "minimal", "populations", "reports", "training"]
+__all__ = [
+    "app",
+    "errors_as_lines",
+    "export",
+    "listing",
+    "minimal",
+    "populations",
+    "reports",
+    "study",
+    "training",
+]

@@ -11,7 +11,10 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-ORDER = ("train", "evaluate", "compare", "watch", "list", "reproduce", "minimal", "check", "export")
+ORDER = (
+    *("train", "evaluate", "compare", "study", "watch", "list"),
+    *("reproduce", "minimal", "check", "export"),
+)
 
 
 @contextmanager
