@@ -36,7 +36,12 @@ WRONG_PARTS = {  # of keys that are None or empty by default
     "world.units": ["abc", 3, [1], {"a": 1}, ["µm"], ["µm", ""]],
     "world.spread": ["abc", 3, [1], {"a": 1}, {"speed": -1.0}, {"speed": 1.0}],
 }
-RIGHT = [("evaluation.field", None), ("world.sensor", None), ("world.start_box", None)]  # only look wrong
+RIGHT = [
+    ("learning.hidden", []),
+    ("evaluation.field", None),
+    ("world.sensor", None),
+    ("world.start_box", None),
+]  # only look wrong
 FREE = ("experiment", "recipe", "algorithm")  # any printable text: the name of the run; and what chooses keys
 UNBOUNDED = (
     "noise",
@@ -130,7 +135,7 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
         ("seed=[3", "the value cannot be read, other signs than letters need quotes, got 'seed=[3'"),
         ("world.flow=taylor-green", "did you mean 'taylor_green'?"),
         ("world.start_box=[[0,1e9],[0,1]]", "world.start_box must lie within"),
-        ("learning.hidden=[0]", "learning.hidden.0 must be at least 1, got 0"),
+        ("learning.hidden=[0]", "learning.hidden[0] must be at least 1, got 0"),
         ("learning.hidden=[5000]", "learning.hidden must be at most 15 layers of at most 4096 nodes"),
         ("learning.hidden=[4096,4096]", "learning.hidden must make a policy of at most"),
         ("learning.epsilon_start=0.01", "learning.epsilon_end must not be above epsilon_start"),
@@ -170,7 +175,7 @@ def test_every_experiment_goes_with_every_recipe(experiment, recipe):
 def test_the_experiments_and_recipes_are_those_promised():
     assert names_of("experiment") == sorted(EXPERIMENTS)
     assert names_of("recipe") == ["paper", "swarm"]
-    assert names_of("algorithm") == ["dqn", "ppo"]
+    assert names_of("algorithm") == ["dqn", "evolution", "ppo"]
 
 
 def test_without_words_the_swarm_learns_linear_n4():

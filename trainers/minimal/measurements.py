@@ -173,8 +173,8 @@ def kept(
 
 def _digest(case: str, plan: MinimalPlan, networks: dict[tuple[str, int], Sequence[Network]]) -> str:
     """Of all that decides what is searched."""
-    others = {"cases", "experiments", "workers", "records", "bins"}  # decide no search
-    numbers = {name: value for name, value in vars(plan).items() if name not in others}
+    others = {"cases", "experiments", "records", "bins"}  # decide no search
+    numbers = {name: value for name, value in plan.recorded().items() if name not in others}
     plain = numbers, plan.training_world(case).described(), provenance.versions()
     found = hashlib.sha256(json.dumps(plain, default=str).encode())
     for each in networks.values():

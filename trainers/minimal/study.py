@@ -41,7 +41,7 @@ def study(plan: MinimalPlan, out: Path, publish: Path | None = None) -> dict[str
     for folder in (out, publish or out):
         DELIVERY.check(folder)
     planned = trainings(plan, out)
-    do(plan.workers, stacks.tasks(planned), "trainings")
+    stacks.train(plan, planned)
     trained = {each.experiment: stacks.policies_of(each) for each in planned}
     tasks = [
         Task(f"{case} by {METHODS[method]}", kept, (method, case, plan, networks, out / SEARCHED))
@@ -50,10 +50,10 @@ def study(plan: MinimalPlan, out: Path, publish: Path | None = None) -> dict[str
         for method in METHODS
     ]
     of_case: dict[str, list[Rung]] = {case: [] for case in plan.cases}
-    for task, rungs in zip(tasks, do(plan.workers, tasks, "searches"), strict=True):
+    for task, rungs in zip(tasks, do(plan.executor(on_disk=True), tasks, "searches"), strict=True):
         of_case[task.arguments[1]] += rungs
     measuring = [Task(case, measure, (case, plan, found)) for case, found in of_case.items()]
-    found = dict(zip(plan.cases, do(plan.workers, measuring, "tests"), strict=True))
+    found = dict(zip(plan.cases, do(plan.executor(), measuring, "tests"), strict=True))
     tables = _tabulated(plan)
     with staging(out) as staged:
         _write(staged, plan, found, planned, tables)
@@ -82,7 +82,7 @@ def _tabulated(plan: MinimalPlan) -> list[Tabulated]:
         for n in plan.records
         for bins in plan.bins
     ]
-    return do(plan.workers, tasks, "tables")
+    return do(plan.executor(), tasks, "tables")
 
 
 def chosen(case: str, plan: MinimalPlan, found: CaseFindings) -> Drawn:
@@ -120,10 +120,8 @@ def _write(
         drawing.draw(each.brain, each.digits, f"{case}: {int(each.brain.parameters[0])} parameters", path)
     rows = [row for case, each in found.items() for row in report.rows(case, each)]
     (folder / RESULTS).write_text(Table.of(rows).as_csv(DIGITS), encoding="utf-8")
-    plain = dataclasses.asdict(plan)
-    plain.pop("workers")  # no number depends on it
     settings = {each.experiment: dataclasses.asdict(each.settings) for each in planned}
     gained = {case: {"gain": each.gain, "inputs": each.brain.inputs} for case, each in drawn.items()}
     origin = {"versions": provenance.versions(), "commit": provenance.commit()}
-    write_json(folder / RECORD, {"plan": plain, **origin, "drawn": gained, "trainings": settings})
+    write_json(folder / RECORD, {"plan": plan.recorded(), **origin, "drawn": gained, "trainings": settings})
     (folder / REPORT).write_text(report.text(plan, found, drawn, tables), encoding="utf-8")
