@@ -17,7 +17,7 @@ import numpy as np
 
 from swarm._support.arrays import as_array, namespace
 from swarm.optimal import still, store
-from swarm.optimal.problem import Problem, problem_of, why_no_limit
+from swarm.optimal.problem import Problem, largest, problem_of, why_no_limit
 from swarm.optimal.tables import GRIDS, POLICY_GRID, VortexLimit, VortexTables
 from swarm.physics.flows import TaylorGreen
 from swarm.physics.motion.arc import Pose
@@ -96,7 +96,10 @@ class Optimal:
         pose = Pose(*(_numpy(part).reshape(-1, 2) for part in state.pose))
         left = problem.life_ticks - _numpy(state.clock).reshape(-1).astype(np.int64)
         scores = [_score(problem, self._tables, pose, left, action) for action in range(len(problem.ticks))]
-        action = np.argmax(scores, axis=0).reshape(cells)
+        action = largest(np.asarray(scores), problem.dense)[1].reshape(cells)
+        if problem.dense:
+            low, high = problem.curvatures[0], problem.curvatures[-1]
+            return as_array(low + (high - low) / (len(problem.curvatures) - 1) * action, state.memory)
         return as_array(action, state.clock, dtype=namespace(state.clock).int32)
 
 

@@ -105,6 +105,11 @@ class Settings:
             section = getattr(self, name)
             changes = changes | ({"cells": cells} if section.cells is None else {})
             object.__setattr__(self, name, dataclasses.replace(section, **changes))
+        if self.training_world().is_continuous and not self.learning.continuous:
+            raise ValueError(
+                f"world.action must be 'discrete' where {self.algorithm} learns, which values each action, "
+                "got 'continuous'"
+            )
         _check_network(self.layers)
         return self
 
@@ -117,7 +122,8 @@ class Settings:
     def layers(self) -> tuple[int, ...]:
         """Sizes of the policy's layers, from inputs to outputs."""
         world = self.training_world()
-        return (world.observation_size, *self.learning.hidden, world.n_actions)
+        outputs = 2 if world.is_continuous else world.n_actions  # middle and spread, or a value of each
+        return (world.observation_size, *self.learning.hidden, outputs)
 
     def training_world(self) -> World:
         """The world to learn in."""

@@ -29,7 +29,8 @@ class JaxMARLSwarm(MultiAgentEnv):
         self.agents = [f"swimmer_{i}" for i in range(self.num_agents)]
         box = self.env.single_observation_space
         seen = spaces.Box(box.low, box.high, box.shape)
-        chosen = spaces.Discrete(int(self.env.single_action_space.n))
+        space, range_ = self.env.single_action_space, self.env.world.action_range
+        chosen = spaces.Box(*range_, (1,)) if range_ else spaces.Discrete(int(space.n))
         self.observation_spaces = dict.fromkeys(self.agents, seen)
         self.action_spaces = dict.fromkeys(self.agents, chosen)
 
@@ -61,7 +62,8 @@ class JaxMARLSwarm(MultiAgentEnv):
 
     def get_avail_actions(self, state: EnvState) -> ByAgent:
         """Every action, always."""
-        every = jnp.ones((self.num_agents, self.env.world.n_actions), bool)
+        count = 1 if self.env.world.is_continuous else self.env.world.n_actions
+        every = jnp.ones((self.num_agents, count), bool)
         return self._by_agent(every)
 
     @property
