@@ -32,7 +32,6 @@ class LearningSettings:
     """
 
     learner: ClassVar[Any]  # the `Algorithm` that learns so, or where it is: "module:name"
-    continuous: ClassVar[bool] = False  # whether it learns where actions are curvatures, too
     n_swimmers: Count = 1  # cells in a world
     n_worlds: Count = 1  # worlds of each seed
     epochs: Count = 1600  # lives to train for, paper table 2
@@ -85,7 +84,6 @@ class PPOSettings(LearningSettings):
     """Proximal policy optimisation (Schulman et al. 2017); none of its numbers is the paper's."""
 
     learner: ClassVar[Any] = "trainers.algorithms.ppo:PPO"
-    continuous: ClassVar[bool] = True
     n_swimmers: Count = 40
     epochs: Count = 12
     collect: Whole = 70

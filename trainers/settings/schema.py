@@ -105,11 +105,6 @@ class Settings:
             section = getattr(self, name)
             changes = changes | ({"cells": cells} if section.cells is None else {})
             object.__setattr__(self, name, dataclasses.replace(section, **changes))
-        if self.training_world().is_continuous and not self.learning.continuous:
-            raise ValueError(
-                f"world.action must be 'discrete' where {self.algorithm} learns, which values each action, "
-                "got 'continuous'"
-            )
         _check_network(self.layers)
         return self
 
