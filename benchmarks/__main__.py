@@ -27,6 +27,7 @@ NAMES = (
     "crowd_path",
     "exact_solutions",
     "adaptive_cell",
+    "continuous_steering",
 )
 FURTHER = ("jax_path",)  # need a library more; measured where they are named
 
