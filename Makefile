@@ -22,7 +22,7 @@ unexport PYTHONHOME PYTHONPATH VIRTUAL_ENV
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test slow peers lowest newest coverage bench soak reproduce examples neighbours docs clean FORCE
+.PHONY: help install train test slow peers lowest newest coverage bench soak cluster cluster-long reproduce examples neighbours docs clean FORCE
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z ]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -56,6 +56,12 @@ bench: install ## measure speed against the alternatives
 
 soak: install ## hours of simulation, watching memory and speed
 	$(RUN)/python -m benchmarks.soak $(ARGS)
+
+cluster: install ## lose a worker and a node of a local Ray cluster, and no bit of a result
+cluster-long: install
+cluster cluster-long:
+	@$(RUN)/python -c 'import ray' 2>/dev/null || $(RUN)/python -m pip install -qq -c constraints.txt -e '.[cluster]'
+	CLUSTER=$@ $(RUN)/pytest -m cluster tests/trainers/test_cluster.py $(ARGS)
 
 reproduce: install ## every figure and table of the paper, in runs/reproduce
 	$(RUN)/swarm reproduce --out runs/reproduce $(ARGS)

@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+LOCK = ".lock"
+
 
 def expanded(path: str | os.PathLike) -> Path:
     """The path, whose first part may be `~`, the user's home, as it is in a shell.
@@ -89,6 +91,25 @@ def write_bytes(path: str | os.PathLike, data: bytes) -> None:
 def write_text(path: str | os.PathLike, text: str) -> None:
     """Writes `text` to `path` in UTF-8; whoever reads it sees the old file or the new one."""
     write_bytes(path, text.encode())
+
+
+@contextmanager
+def owned(folder: Path) -> Iterator[None]:
+    """Within, no other process has this folder; raises FileExistsError where another does.
+
+    The operating system lets go of the lock when the process ends, however it ends.
+    """
+    import fcntl
+
+    with (folder / LOCK).open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            rule = "is being worked on by another process: wait for it or stop it"
+            raise FileExistsError(f"{folder} {rule}") from None
+        except OSError:  # a file system without locks
+            pass
+        yield
 
 
 def check_new_folder(path: str | os.PathLike) -> Path:

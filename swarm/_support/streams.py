@@ -1,13 +1,14 @@
 """Random numbers by counter: every draw is named by its population, purpose, seed, episode and cell.
 
 Row i of a draw belongs to cell i and is the same however many rows are drawn (NumPy fills them in order from
-one Philox generator), so a cell's life depends neither on how many others there are nor on what is drawn
-elsewhere.
+one Philox generator for each `BLOCK` cells), so a cell's life depends neither on how many others there are
+nor on what is drawn elsewhere, and a part of a large population is drawn without the rest.
 """
 
 from __future__ import annotations
 
 import operator
+from collections.abc import Callable
 from typing import Literal, get_args
 
 import numpy as np
@@ -26,6 +27,8 @@ Purpose = Literal[
     "bindings",
     "records",
 ]
+
+BLOCK = 2**16  # cells that share a generator
 
 _POPULATIONS = {name: number for number, name in enumerate(get_args(Population))}
 _PURPOSES = {name: number for number, name in enumerate(get_args(Purpose))}
@@ -57,6 +60,27 @@ def generator(population: Population, purpose: Purpose, seed: int, *index: int) 
     """The generator of one draw; `index` (episode, attempt, block, …) separates draws of one purpose."""
     key = (_POPULATIONS[population], _PURPOSES[purpose], *index)
     return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+def by_cell(
+    draw: Callable[[np.random.Generator, int], np.ndarray],
+    cells: int,
+    population: Population,
+    purpose: Purpose,
+    seed: int,
+    *index: int,
+    first: int = 0,
+) -> np.ndarray:
+    """Rows (cells, ...) of the cells from the `first` on, of each block by `draw(generator, rows)`.
+
+    The first block has the `generator` of the same name; block b of the cells that follow adds (0, b).
+    """
+    parts = []
+    for block in range(first // BLOCK, -(-(first + cells) // BLOCK)):
+        begin, rows = max(first - block * BLOCK, 0), min(first + cells - block * BLOCK, BLOCK)
+        key = (*index, 0, block) if block else index
+        parts.append(draw(generator(population, purpose, seed, *key), rows)[begin:])
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def integer_seed(population: Population, purpose: Purpose, seed: int, *index: int) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swarm import figures
@@ -19,6 +20,17 @@ from swarm.population.results import pooled, save_population
 if TYPE_CHECKING:
     import xarray as xr
 
+POPULATION, SUMMARY = "population.nc", "summary.json"
+
+
+def save_summary(found: Evaluation, out: Path) -> None:
+    """Writes summary.json beside the results of a population, where they were written block by block."""
+    files.write_text(out / SUMMARY, _summary(found))
+
+
+def _summary(found: Evaluation) -> str:
+    return json.dumps(found.summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
 
 def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
     """Writes population.nc, summary.json, gains.png, centerlines.png, comparison.png and, where there is an
@@ -27,7 +39,6 @@ def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
     Raises FileExistsError where `out` is something else than a new or an empty folder.
     """
     results, world = pooled(found.results), found.world
-    text = json.dumps(found.summary, indent=2, allow_nan=False, ensure_ascii=False)
     drawn: dict[str, Callable[[], Any]] = {
         "gains": lambda: figures.gains(results),
         "centerlines": lambda: figures.centrelines(results, world, cells=40),
@@ -36,8 +47,8 @@ def save_evaluation(found: Evaluation, out: str | os.PathLike) -> None:
     if world.egg is not None:
         drawn["radial"] = lambda: figures.radial(results, world, policy=found.label)
     with files.new_folder(out) as folder:
-        save_population(found.results, folder / "population.nc")
-        (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+        save_population(found.results, folder / POPULATION)
+        (folder / SUMMARY).write_text(_summary(found), encoding="utf-8")
         for name, draw in drawn.items():
             with dispensable(f"{name}.png"):
                 figures.save(draw(), folder / f"{name}.png")

@@ -16,10 +16,11 @@ from swarm.figures.viewer import Viewer
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy
-from swarm.population.contest import lives, population_test
+from swarm.population.blocks.block import lives
+from swarm.population.contest import population_test
 from swarm.population.contests import crowd_of
 from swarm.population.evaluation import contender, rivals
-from swarm.population.results import as_dataset, load_population
+from swarm.population.results import as_dataset, load_population, origin
 from swarm.population.rollout import Moment, rollout
 
 if TYPE_CHECKING:
@@ -127,7 +128,7 @@ def _lived(
         return population_test(world, {label: player}, **sizes, limit=quick, **tell)
     starts = draw_starts(world, cells, seed)
     lived = lives(world, player, starts, seed, name=label, population="test", record=True, **tell)
-    return as_dataset(starts, {label: lived}, {})
+    return as_dataset(starts, {label: lived}, origin(world, seed))
 
 
 def save_page_of(population: Path, out: Path | None, *, cells: int | None = None) -> None:

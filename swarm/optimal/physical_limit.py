@@ -48,17 +48,17 @@ def limit(world: World, starts: Starts) -> float | None:
 
 def limit_details(world: World, starts: Starts) -> LimitDetails | None:
     """The limit for these starts with its error and the values on each grid, or None where there is none."""
-    by_grid = _bounds(world, starts)
-    if by_grid is None:
+    bounds = bounds_of(world)
+    if bounds is None:
         return None
-    means = {name: float(values.mean()) for name, values in by_grid.items()}
+    means = bounds.means(starts.position, starts.heading)
     return LimitDetails(*extrapolated(list(means.values())), means)
 
 
 def bound(world: World, starts: Starts) -> np.ndarray | None:
     """The largest gain (cells,) of a life from each start [concentration], or None where there is none."""
-    by_grid = _bounds(world, starts)
-    return None if by_grid is None else list(by_grid.values())[-1]
+    bounds = bounds_of(world)
+    return None if bounds is None else list(bounds.by_grid(starts.position, starts.heading).values())[-1]
 
 
 def extrapolated(values: list[float]) -> tuple[float, float]:
@@ -82,6 +82,8 @@ class Optimal:
 
     Raises ValueError for a world without a limit.
     """
+
+    deterministic = True
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -131,16 +133,31 @@ def _policy(world: World) -> tuple[Problem, Any]:
     return problem, store.tables(VortexTables, problem, (POLICY_GRID,))
 
 
-def _bounds(world: World, starts: Starts) -> dict[str, np.ndarray] | None:
-    """The largest gain (cells,) from each start [concentration], by each grid, the finest last."""
+class Bounds(NamedTuple):
+    """What the largest gains are read from; it can go to other processes, and reads nothing from the disk."""
+
+    scale: float  # c_k [concentration / length]
+    tables: Any
+
+    def by_grid(self, position: np.ndarray, heading: np.ndarray) -> dict[str, np.ndarray]:
+        """The largest gain (cells,) from each start [concentration], by each grid, the finest last."""
+        heading = np.asarray(heading, np.float64).reshape(-1)
+        position = np.asarray(position, np.float64).reshape(-1, 2)
+        pose = Pose(position, np.stack([np.cos(heading), np.sin(heading)], axis=-1))
+        return {name: self.scale * values for name, values in self.tables.bounds(pose).items()}
+
+    def means(self, position: np.ndarray, heading: np.ndarray) -> dict[str, float]:
+        """The mean largest gain of these starts [concentration], by each grid."""
+        return {name: float(values.mean()) for name, values in self.by_grid(position, heading).items()}
+
+
+def bounds_of(world: World) -> Bounds | None:
+    """What the limit of a world is read from, computed where it is not at hand; None where there is none."""
     problem = problem_of(world)
     if problem is None:
         return None
-    heading = np.asarray(starts.heading, np.float64).reshape(-1)
-    position = np.asarray(starts.position, np.float64).reshape(-1, 2)
-    pose = Pose(position, np.stack([np.cos(heading), np.sin(heading)], axis=-1))
     tables = _still(problem) if problem.flow is None else store.tables(VortexLimit, problem, GRIDS)
-    return {name: world.field.gradient_scale * values for name, values in tables.bounds(pose).items()}
+    return Bounds(world.field.gradient_scale, tables)
 
 
 def ship(folder: Path = store.SHIPPED) -> list[Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
@@ -14,6 +15,7 @@ from swarm.physics.world import World
 
 NOISE_BLOCK = 64  # decisions whose random numbers are drawn at once, everywhere
 _ATTEMPTS = 1000
+_Draw = Callable[[np.random.Generator, int], np.ndarray]
 
 
 class Starts(NamedTuple):
@@ -34,9 +36,16 @@ class SpreadStarts(NamedTuple):
 
 
 def draw_starts(
-    world: World, cells: int, seed: int, *, population: streams.Population = "test", episode: int = 0
+    world: World,
+    cells: int,
+    seed: int,
+    *,
+    population: streams.Population = "test",
+    episode: int = 0,
+    first: int = 0,
 ) -> Starts:
-    """Starts uniform in the world's box and in heading, with a random past, in float64.
+    """Starts uniform in the world's box and in heading, with a random past, in float64; those of the cells
+    from the `first` of a population on.
 
     Poses are the same for every N_T. Starts within reach of the egg or outside the domain are drawn again; a
     past that leaves the domain is cut short, see `World.start`. Raises ValueError where the box leaves no
@@ -44,24 +53,28 @@ def draw_starts(
     """
     check_count("cells", cells)
     streams.check_seed(seed)
-    poses = _draw_poses(world, cells, streams.generator(population, "start", seed, episode))
+
+    def drawn(draw: _Draw, purpose: streams.Purpose, *attempt: int) -> np.ndarray:
+        return streams.by_cell(draw, cells, population, purpose, seed, episode, *attempt, first=first)
+
+    pose = functools.partial(_draw_poses, world)
+    poses = drawn(pose, "start")
     for attempt in range(1, _ATTEMPTS):
         taken = _in_egg(world, poses[:, :2])
         for inside in world.domains:
             taken = taken | ~np.asarray(inside(poses[:, :2]))
         if not taken.any():
             break
-        again = _draw_poses(world, cells, streams.generator(population, "start", seed, episode, attempt))
-        poses = np.where(taken[:, None], again, poses)
+        poses = np.where(taken[:, None], drawn(pose, "start", attempt), poses)
     else:
         rule = "outside the egg (position, radius)" if world.egg else "in the domain of field and flow, egg"
         raise ValueError(f"start_box must leave room {rule} = {world.egg}, got {world.box}")
-    pasts = streams.generator(population, "past", seed, episode)
-    past = pasts.integers(world.n_actions, size=(cells, world.n_records))
+    records, actions = world.n_records, world.n_actions
+    past = drawn(lambda generator, rows: generator.integers(actions, size=(rows, records)), "past")
     starts = Starts(poses[:, :2].copy(), poses[:, 2].copy(), past)
     if world.spread is None:
         return starts
-    normal = streams.generator(population, "spread", seed, episode).standard_normal((cells, 2))
+    normal = drawn(lambda generator, rows: generator.standard_normal((rows, 2)), "spread")
     return cast(Starts, SpreadStarts(*starts, world.spread.factors(normal)))  # a tuple cannot grow
 
 
@@ -72,9 +85,13 @@ def draw_worlds(
     episodes: Sequence[int],
     *,
     population: streams.Population = "test",
+    first: int = 0,
 ) -> Starts:
-    """Starts (worlds, cells, …) of several worlds, each of the episode that is named."""
-    drawn = [draw_starts(world, cells, seed, population=population, episode=each) for each in episodes]
+    """Starts (worlds, cells, …) of several worlds, each of the episode that is named; in each those of the
+    cells from the `first` on.
+    """
+    which: Any = {"population": population, "first": first}
+    drawn = [draw_starts(world, cells, seed, episode=each, **which) for each in episodes]
     return type(drawn[0])(*(np.stack(parts) for parts in zip(*drawn, strict=True)))
 
 
@@ -115,43 +132,67 @@ def noise_of(world: World) -> Callable[..., np.ndarray]:
 
 
 def draw_record_noise(
-    world: World, cells: int, seed: int, *, population: streams.Population = "test", episode: int = 0
+    world: World,
+    cells: int,
+    seed: int,
+    *,
+    population: streams.Population = "test",
+    episode: int = 0,
+    first: int = 0,
 ) -> np.ndarray | None:
     """Standard normal numbers (cells, N_T) for the records that a life begins with; None where they are
     exact.
     """
     if world.concentration_noise == 0:
         return None
-    generator = streams.generator(population, "records", seed, episode)
-    return generator.standard_normal((cells, world.n_records))
+
+    def draw(generator: np.random.Generator, rows: int) -> np.ndarray:
+        return generator.standard_normal((rows, world.n_records))
+
+    return streams.by_cell(draw, cells, population, "records", seed, episode, first=first)
 
 
 def draw_noise(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:
     """Standard normal numbers (cells, decisions, 3) for the world's perturbations in a `_block`."""
-    return _block("noise", seed, **block).standard_normal((cells, decisions, 3))
+
+    def draw(generator: np.random.Generator, rows: int) -> np.ndarray:
+        return generator.standard_normal((rows, decisions, 3))
+
+    return _block(draw, "noise", seed, cells, **block)
 
 
 def draw_noise_and_bindings(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:
     """`draw_noise`, and numbers in [0, 1) of a stream of their own that decide how many molecules bind."""
-    uniform = _block("bindings", seed, **block).random((cells, decisions, 1))
+
+    def draw(generator: np.random.Generator, rows: int) -> np.ndarray:
+        return generator.random((rows, decisions, 1))
+
+    uniform = _block(draw, "bindings", seed, cells, **block)
     return np.concatenate([draw_noise(seed, cells, decisions, **block), uniform], axis=-1)
 
 
 def draw_chance(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:
     """Numbers (cells, decisions) in [0, 1) for policies that leave something to chance, in a `_block`."""
-    return _block("policy", seed, **block).random((cells, decisions))
+
+    def draw(generator: np.random.Generator, rows: int) -> np.ndarray:
+        return generator.random((rows, decisions))
+
+    return _block(draw, "policy", seed, cells, **block)
 
 
 def _block(
+    draw: _Draw,
     purpose: streams.Purpose,
     seed: int,
+    cells: int,
     *,
     population: streams.Population = "test",
     episode: int = 0,
     block: int = 0,
-) -> np.random.Generator:
-    """What draws the numbers of one block of an episode's decisions."""
-    return streams.generator(population, purpose, seed, episode, block)
+    first: int = 0,
+) -> np.ndarray:
+    """The numbers (cells, ...) of one block of an episode's decisions, from the `first` cell on."""
+    return streams.by_cell(draw, cells, population, purpose, seed, episode, block, first=first)
 
 
 class Draws:
@@ -212,7 +253,7 @@ class Draws:
         self._numbers, self._placed, self._keys = numbers, self._place(numbers), keys
 
 
-def _draw_poses(world: World, cells: int, generator: np.random.Generator) -> np.ndarray:
+def _draw_poses(world: World, generator: np.random.Generator, cells: int) -> np.ndarray:
     (left, right), (bottom, top) = world.box
     low, high = np.array([left, bottom, -np.pi]), np.array([right, top, np.pi])
     return low + (high - low) * generator.random((cells, 3))

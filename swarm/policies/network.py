@@ -6,6 +6,8 @@ against fixed limits before anything of its size is allocated, so anyone's file 
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import os
 from collections.abc import Sequence
@@ -51,6 +53,8 @@ class Network:
     memory_with_flow for 5 features), and by which `algorithm` it learnt (default: dqn); anything else that
     JSON can hold may follow. Raises PolicyError unless layers and card agree.
     """
+
+    deterministic = True
 
     def __init__(self, weights: Sequence[Any], biases: Sequence[Any], card: dict[str, Any]) -> None:
         self.weights = tuple(_layer(f"layers.{i}.weight", array) for i, array in enumerate(weights))
@@ -106,6 +110,14 @@ class Network:
     def algorithm(self) -> str:
         """What it learnt by; all of version 0.1, which did not say, by DQN."""
         return self.card.get("algorithm", "dqn")
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of its numbers and its card."""
+        digest = hashlib.sha256(json.dumps(self.card, sort_keys=True).encode())
+        for array in (*self.weights, *self.biases):
+            digest.update(array.tobytes())
+        return digest.hexdigest()
 
     @cached_property
     def _transposed(self) -> tuple[np.ndarray, ...]:

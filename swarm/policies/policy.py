@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, Protocol, runtime_checkable
 
 from swarm.physics.motion.swimmer import Way
@@ -15,10 +16,11 @@ class Policy(Protocol):
     """Maps a state to actions and keeps nothing: the same state and random numbers give the same actions, on
     any array library and with any leading axes.
 
-    Used when there: `sensor`, whose records it is shown in a contest, as a world takes it; else the world's.
+    Used when there: `sensor`, whose records it is shown in a contest, as a world takes it; else the world's;
+    and `deterministic`, with which nothing is drawn for it.
     """
 
-    def act(self, world: World, state: State, uniform: Array) -> Array:
+    def act(self, world: World, state: State, uniform: Any) -> Array:
         """Whole numbers 0 … m − 1 (..., cells).
 
         `uniform` (..., cells) in [0, 1) is each cell's own random number for this decision; policies that
@@ -73,6 +75,17 @@ def check_policy(name: str, policy: Any) -> None:
         )
 
 
+def is_deterministic(policy: AnyPolicy) -> bool:
+    """Whether a policy says that it leaves nothing to chance."""
+    return bool(getattr(policy, "deterministic", False))
+
+
+def fingerprint(policy: AnyPolicy) -> str:
+    """What tells a policy from others: its own `fingerprint`, as networks have one, else what it prints."""
+    own = getattr(policy, "fingerprint", None)
+    return own if isinstance(own, str) else re.sub(r" at 0x\w+", "", repr(policy))
+
+
 def begin(policy: AnyPolicy, world: World, state: State) -> Any:
     """What the policy carries into its first decision; None where it keeps nothing."""
     return policy.begin(world, state) if hasattr(policy, "begin") else None
@@ -96,7 +109,7 @@ def lived(
 
 
 def decide(
-    policy: AnyPolicy, world: World, state: State, uniform: Array, carry: Any = None
+    policy: AnyPolicy, world: World, state: State, uniform: Array | None, carry: Any = None
 ) -> tuple[Array, Any]:
     """Actions (..., cells) of a policy that takes any, and what it carries on."""
     if isinstance(policy, CarryingPolicy):

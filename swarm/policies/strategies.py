@@ -22,6 +22,8 @@ class Greedy:
     Where all records are equal the highest is taken (paper: greedy strategy).
     """
 
+    deterministic = True
+
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
         """Actions (..., cells)."""
         xp = namespace(state.memory)
@@ -42,6 +44,8 @@ class Swinging:
     clock, on which swinging keeps a timetable of N_T decisions; so the policy needs no memory, and where it
     takes over from another it falls into step with the timetable.
     """
+
+    deterministic = True
 
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
         """Actions (..., cells)."""

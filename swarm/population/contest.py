@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from typing import TYPE_CHECKING, Any, get_args
 
 from swarm._support import streams
-from swarm._support.checks import check_count, check_flag, check_memory
+from swarm._support.checks import check_count, check_memory, check_name
 from swarm.optimal import physical_limit
-from swarm.physics.motion.arc import centre_of_curvature
-from swarm.physics.starts import Starts, draw_worlds
 from swarm.physics.world import World
-from swarm.policies.policy import AnyPolicy, check_policy
+from swarm.policies.policy import AnyPolicy, check_policy, fingerprint
 from swarm.policies.strategies import Greedy
-from swarm.population.frames import Frames
-from swarm.population.results import LIVES, RIVAL, SERIES, as_dataset, origin
-from swarm.population.rollout import Moment, rollout
+from swarm.population.blocks.block import PopulationTest, Record, blocks_of, each_lived, memory_needed
+from swarm.population.blocks.storage import Storage, joined
+from swarm.population.blocks.tally import Tally, limit_of, merged, statistics_of, tally
+from swarm.population.results import RIVAL, origin
 
 if TYPE_CHECKING:
     import xarray as xr
+
+Progress = Callable[[float], None]
 
 
 def population_test(
@@ -32,68 +33,128 @@ def population_test(
     worlds: int = 1,
     life: float = 200.0,
     seed: int = 0,
-    record: bool = True,
+    record: Record | bool = "all",
     limit: bool = True,
     population: streams.Population = "test",
     episode: int = 0,
-    progress: Callable[[float], None] | None = None,
+    out: str | os.PathLike | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """Lives of `cells` cells in each of `worlds` worlds under each policy, all from the same starts and with
     the same random numbers.
 
-    Per (policy, cell): gain, maximal_gain, arrived, lifetime, decisions; with `record` also per decision,
-    from the start (0) on and NaN after the end: time, position, heading, curvature, centre (of curvature),
-    concentration. In a race arrival_time and won are added, in a medium eaten (per decision), and `medium` at
-    up to 48 times. With several worlds, those of one episode after the other, they are per (policy, world,
-    cell). Attributes: seed, life, settings of the world (JSON), versions, commit, `coupled` (1) where what
-    one cell does can matter to another, and the limit where there is one and `limit` is asked for. "greedy"
-    is added where it is missing. `progress` is called with the part of all decisions that is over. Raises
-    ValueError for a field or flow that returns NaN.
+    Per (policy, cell): gain, maximal_gain, arrived, lifetime, decisions: the "ends"; recording "all" (True)
+    adds per decision, from the start (0) on and NaN after the end: time, position, heading, curvature, centre
+    (of curvature), concentration; "thinned" those of at most 48 decisions. In a race arrival_time and won are
+    added, in a medium eaten (per decision), and `medium` at up to 48 times. With several worlds, those of one
+    episode after the other, they are per (policy, world, cell). "statistics" keeps no cell, but what
+    [`statistics`][swarm.population.statistics.statistics] finds of all.
+
+    Large populations live block by block, in the processes of an `executor` where one is given, see the
+    [module][swarm.population.blocks.block]. `out` is a NetCDF file to write them to, with which a call that
+    was killed goes on; it is then opened, and numbers are read when they are asked for. `progress` is called
+    with the part of all decisions that is over.
+
+    Attributes: seed, life, settings of the world (JSON), versions, commit, `coupled` (1) where what one cell
+    does can matter to another, the limit where there is one and `limit` is asked for, and of several blocks
+    their size and `statistics` (JSON). "greedy" is added where it is missing. Raises ValueError for a field
+    or flow that returns NaN, and FileExistsError where `out` holds something else.
     """
     policies = _with_rival(policies)
     check_count("cells", cells)
     check_count("worlds", worlds)
     seed = streams.check_seed(seed)
-    check_flag("record", record)
+    if isinstance(record, bool):
+        record = "all" if record else "ends"
+    check_name("record", record, get_args(Record))
     world = world.replace(life=life)
-    needed = memory_needed(world, cells * worlds, len(policies) if record else 0)
+    test = PopulationTest(world, policies, cells, worlds, seed, population, episode, record)
+    blocks = blocks_of(test)
+    kept = blocks[:1] if out is not None or record == "statistics" else blocks
+    held = sum(block.cells * block.worlds for block in kept)
+    needed = memory_needed(world, held, len(policies) if test.has_series else 0, every=test.every)
     check_memory(needed, f"cells must be fewer, or life shorter, got {cells * worlds} and {life:g}")
-    starts = draw_worlds(world, cells, seed, range(episode, episode + worlds), population=population)
-    everyone = type(starts)(*(part.reshape(-1, *part.shape[2:]) for part in starts))
-    starts = starts if worlds > 1 else everyone
-    drawn: dict[str, Any] = {"population": population, "episode": episode}
-    lived = {}
-    for number, (name, policy) in enumerate(policies.items()):
-        if progress is not None:
-            drawn["progress"] = functools.partial(_tell, progress, number, len(policies))
-        lived[name] = lives(world, policy, starts, seed, name=name, record=record, **drawn)
-    bound = physical_limit.limit(world, everyone) if limit else None
-    return as_dataset(starts, lived, _attributes(world, seed, population, bound))
+    test = test._replace(bounds=physical_limit.bounds_of(world) if limit else None)
+    return _in_memory(test, executor, progress) if out is None else _in_file(test, out, executor, progress)
 
 
-def _tell(progress: Callable[[float], None], before: int, policies: int, part: float) -> None:
-    """Progress of one policy's lives as progress of all."""
-    progress((before + part) / policies)
+def _in_memory(test: PopulationTest, executor: Executor | None, progress: Progress | None) -> xr.Dataset:
+    import xarray as xr
+
+    blocks, tallies, parts = blocks_of(test), dict[int, Tally](), dict[int, xr.Dataset]()
+    for block, found, part in each_lived(test, blocks, executor, progress):
+        tallies[block.number] = found
+        if part is not None:
+            parts[block.number] = part
+    about = _attributes(test, [tallies[block.number] for block in blocks])
+    if test.record == "statistics":
+        return xr.Dataset(coords={"policy": list(test.policies)}, attrs=about)
+    if len(parts) == 1:
+        return parts[0].drop_attrs(deep=False).assign_attrs(about)
+    return joined((parts.pop(block.number) for block in blocks), test.sizes, about)
 
 
-def _attributes(world: World, seed: int, population: str, bound: float | None) -> dict[str, Any]:
+def _in_file(
+    test: PopulationTest, out: str | os.PathLike, executor: Executor | None, progress: Progress | None
+) -> xr.Dataset:
+    """Writes every block as it is done, those that are there being left alone, then puts them together."""
+    blocks, storage = blocks_of(test), Storage(out, _identity(test))
+    if storage.is_whole:
+        return storage.opened()
+    with storage.owned():
+        left = [block for block in blocks if not storage.has(block.number)]
+        tallies: dict[int, Tally] = {}
+        for block, found, part in each_lived(test, left, executor, progress):
+            assert part is not None
+            storage.write(block.number, part)
+            tallies[block.number] = found
+
+        def parts() -> Any:
+            for block in blocks:
+                part = storage.part(block.number)
+                if block.number not in tallies:
+                    tallies[block.number] = tally(part, test.bounds, coupled=test.world.is_shared)
+                yield part
+
+        def attributes() -> dict[str, Any]:
+            return _attributes(test, [tallies[block.number] for block in blocks])
+
+        storage.join(parts(), test.sizes, attributes)
+    return storage.opened()
+
+
+def _attributes(test: PopulationTest, tallies: Sequence[Tally]) -> dict[str, Any]:
     """What the results of a population test say of it."""
-    return {
+    whole = merged(tallies)
+    limit = limit_of(whole)
+    about: dict[str, Any] = {
         "title": "Population test: the same starts for every policy",
-        "population": population,
-        **origin(world, seed),
-        **({"coupled": 1} if world.is_shared else {}),
-        **({} if bound is None else {"limit": bound}),
+        "population": test.population,
+        **origin(test.world, test.seed),
+        **({"coupled": 1} if test.world.is_shared else {}),
+        **({} if limit is None else {"limit": limit}),
     }
+    if len(tallies) > 1 or test.record == "statistics":
+        found = {"cells": whole.gain.number, "policies": statistics_of(whole, list(test.policies))}
+        about |= {"block": streams.BLOCK, "blocks": len(tallies), "statistics": json.dumps(found)}
+    return about
 
 
-def memory_needed(world: World, cells: int, recorded: int = 3) -> float:
-    """Bytes that a test works with, roughly, and rather too few than too many; the lives under so many
-    policies are recorded.
-    """
-    series = [each for name, each in SERIES.items() if name != "eaten" or world.medium is not None]
-    numbers = sum(2 ** len(along) * np.dtype(dtype).itemsize for along, dtype, *_ in series)
-    return cells * (16.0 * world.observation_size + recorded * (world.max_decisions + 1) * numbers)
+def _identity(test: PopulationTest) -> dict[str, Any]:
+    """What must be the same for blocks to belong together."""
+    policies = {name: fingerprint(policy) for name, policy in test.policies.items()}
+    return {
+        "cells": test.cells,
+        "worlds": test.worlds,
+        "population": test.population,
+        "episode": test.episode,
+        "record": test.record,
+        "limit": test.bounds is not None,
+        "block": streams.BLOCK,
+        "policies": policies,
+        **{key: value for key, value in origin(test.world, test.seed).items() if key != "commit"},
+    }
 
 
 def _with_rival(policies: Mapping[str, AnyPolicy]) -> dict[str, AnyPolicy]:
@@ -105,70 +166,3 @@ def _with_rival(policies: Mapping[str, AnyPolicy]) -> dict[str, AnyPolicy]:
     if not isinstance(policies.get(RIVAL, Greedy()), Greedy):
         raise ValueError(f"policy {RIVAL!r} must be the greedy strategy, got {policies[RIVAL]!r}")
     return dict(policies) if RIVAL in policies else {**policies, RIVAL: Greedy()}
-
-
-def lives(
-    world: World,
-    policy: AnyPolicy,
-    starts: Starts,
-    seed: int,
-    *,
-    name: str,
-    population: streams.Population,
-    episode: int = 0,
-    record: bool = False,
-    progress: Callable[[float], None] | None = None,
-) -> dict[str, np.ndarray]:
-    """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...);
-    with several worlds (worlds, cells) stands for (cells); frames (frames, ...) of a medium.
-    """
-    cells = starts.heading.shape
-    recorded, frames = [], Frames(world, world.medium) if record and world.medium is not None else None
-    arrived = np.zeros(cells, bool)
-    decisions = np.zeros(cells, np.int32)
-    gain = maximal = np.zeros(cells)
-    lived = rollout(world, policy, starts, seed, population=population, episode=episode)
-    for done, moment in enumerate(lived):
-        if progress is not None:
-            progress(done / world.max_decisions)
-        if record:
-            recorded.append(_series(world, moment))
-        if frames is not None:
-            frames.take(moment.state)
-        if moment.outcome is not None:
-            gain = np.where(moment.alive, moment.outcome.gain, gain)  # others may eat where a cell has died
-            arrived |= moment.outcome.terminated & moment.alive
-            decisions += moment.alive
-            maximal = np.maximum(maximal, gain)
-    if not np.all(np.isfinite(gain)):
-        *_, cell = place = tuple(int(each[0]) for each in np.nonzero(~np.isfinite(gain)))
-        raise ValueError(
-            f"gains must be finite, got {gain[place]} for cell {cell} under {name!r}: "
-            "check what the field and the flow return"
-        )
-    values = [gain, maximal, arrived, world.time(moment.state), decisions]
-    if world.race is not None:  # which also ends the lives of those that did not arrive
-        values[list(LIVES).index("arrived")] = np.isfinite(moment.state.arrival_time)
-        values += [moment.state.arrival_time, world.won(moment.state)]
-    names = recorded[0] if recorded else ()
-    series = {name: np.stack([row[name] for row in recorded], axis=len(cells)) for name in names}
-    return dict(zip(LIVES, values, strict=False)) | series | ({} if frames is None else frames.series())
-
-
-def _series(world: World, moment: Moment) -> dict[str, np.ndarray]:
-    """What is plotted of a moment (cells, ...), NaN where a life is over."""
-    state, curvature = moment.state, world.curvature(moment.state)
-    values = {
-        "time": world.time(state),
-        "position": state.position,
-        "heading": world.heading_angle(state),
-        "curvature": curvature,
-        "centre": centre_of_curvature(state.pose, curvature),
-        "concentration": world.concentration(state),
-    }
-    if state.medium is not None:
-        values["eaten"] = state.medium.eaten
-    row: dict[str, np.ndarray] = {name: np.array(value, SERIES[name][1]) for name, value in values.items()}
-    for column in row.values():
-        column[~moment.alive] = np.nan
-    return row

@@ -27,7 +27,7 @@ from swarm.physics.starts import draw_worlds
 from swarm.physics.world import State, World
 from swarm.physics.world.rules import in_units
 from swarm.policies.policy import AnyPolicy, begin, check_policy, decide, is_continuous
-from swarm.population.contest import memory_needed
+from swarm.population.blocks.block import memory_needed
 from swarm.population.results import origin
 from swarm.population.rollout import rollout
 from swarm.population.statistics import share_interval

@@ -19,7 +19,7 @@ from swarm.policies.policy_file import POLICY_FILE, PolicyError
 from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
 from swarm.population.contests import contest, race_in
-from swarm.population.results import RIVAL, data_of, pooled
+from swarm.population.results import RIVAL, data_of
 from swarm.population.statistics import arrivals, statistics
 
 if TYPE_CHECKING:
@@ -102,21 +102,24 @@ def evaluate(
     life: float = 200.0,
     seed: int = 0,
     name: str | None = None,
-    progress: Callable[[float], None] | None = None,
+    **recorded: Any,
 ) -> Evaluation:
     """Tests a policy, greedy and swinging on the same starts, `cells` of them in each of `worlds` worlds.
 
-    `policy` is a name, a path or a policy itself; `name` is what the summary calls it; `progress` as in
-    `population_test`. Raises PolicyError for a policy that cannot be had.
+    `policy` is a name, a path or a policy itself; `name` is what the summary calls it. What is recorded
+    (`record`), where (`out`), who computes it and `progress` are options of `population_test`. Raises
+    PolicyError for a policy that cannot be had.
     """
     world = world.replace(life=life)
     known, label, player = contender(policy, world, name)
     policies = {label: player, RIVAL: Greedy(), "swinging": Swinging()}
     sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
-    results = population_test(world, policies, **sizes, progress=progress)
+    results = population_test(world, policies, **sizes, **recorded)
     numbers = statistics(results)
-    summary = summarise(results, numbers, label, policy=known, experiment=experiment)
-    return Evaluation(summary, results, table(results, numbers, egg=world.egg is not None), world, label)
+    about: dict[str, Any] = {"policy": known, "experiment": experiment, "cells": cells, "worlds": worlds}
+    summary = summarise(results, numbers, label, **about)
+    told = table(results, numbers, cells=cells * worlds, egg=world.egg is not None)
+    return Evaluation(summary, results, told, world, label)
 
 
 def compete(
@@ -154,13 +157,20 @@ def rivals(
 
 
 def summarise(
-    results: xr.Dataset, numbers: dict[str, dict[str, Any]], label: str, *, policy: str, experiment: str
+    results: xr.Dataset,
+    numbers: dict[str, dict[str, Any]],
+    label: str,
+    *,
+    policy: str,
+    experiment: str,
+    cells: int,
+    worlds: int,
 ) -> dict[str, Any]:
     """What summary.json holds of the policy called `label` in the results; None where there is no number."""
     summary = {
         "policy": policy,
         "experiment": experiment,
-        "cells": results.sizes["cell"],
+        "cells": cells,
         "life": results.attrs["life"],
         "seed": int(results.attrs["seed"]),
         "limit": results.attrs.get("limit"),
@@ -171,28 +181,33 @@ def summarise(
         "versions": provenance.versions(),
         "commit": provenance.commit(),
     }
-    if "world" in results.sizes:
-        summary["worlds"] = results.sizes["world"]
+    if worlds > 1:
+        summary["worlds"] = worlds
     if data := data_of(results):
         summary["data"] = data
-    if results["arrived"].values.any():
+    if any(row["arrived"] for row in numbers.values()):
         came = arrivals(results)
         for of_policy, name in ((summary, label), (summary["greedy"], RIVAL)):
             of_policy["arrived"] = came[name]["arrived"]
             times = {each: came[name][each] for each in ("mean", "median")} if came[name]["arrived"] else None
+            if times and times["median"] != times["median"]:  # no cell was kept
+                del times["median"]
             of_policy["time_to_egg"] = times
+    if "block" in results.attrs:
+        summary |= {name: int(results.attrs[name]) for name in ("block", "blocks")}
+        summary["quantiles"] = numbers[label]["quantiles"]
     return summary
 
 
-def table(results: xr.Dataset, numbers: dict[str, dict[str, Any]], *, egg: bool = False) -> Table:
-    """A row per policy, in the order of their mean gains: gain ± standard deviation of the cells, interval of
-    the mean; where there is an `egg`, how many cells arrived, and the mean and median time they took.
+def table(results: xr.Dataset, numbers: dict[str, dict[str, Any]], *, cells: int, egg: bool = False) -> Table:
+    """A row per policy, in the order of their mean gains: gain ± standard deviation of the cells of all
+    worlds, interval of the mean; where there is an `egg`, how many cells arrived, and the mean and median
+    time they took.
     """
     bounded = any(row["fraction_of_limit"] is not None for row in numbers.values())
     headings = ["policy", "gain", "95% interval", "min", "max", "over greedy", "wins"]
     headings += [*(("of the limit",) if bounded else ()), *(TO_THE_EGG if egg else ())]
-    results = pooled(results)
-    cells, came = results.sizes["cell"], arrivals(results)
+    came = arrivals(results) if egg else {}
     rows: list[list[str | None]] = []
     for name in sorted(numbers, key=lambda each: -numbers[each]["mean"]):
         row, rival = numbers[name], name == RIVAL

@@ -53,7 +53,7 @@ STARTS: dict[str, Column] = {
     "start_heading": (("cell",), np.float64, "rad", "heading at t = 0, counter-clockwise from +x"),
     "past": (("cell", "record"), np.int32, "", "actions before t = 0, newest first"),
 }
-_COORDINATES = ("policy", "world", "cell", "axis", "record", "decision", "frame", "x", "y")
+COORDINATES = ("policy", "world", "cell", "axis", "record", "decision", "frame", "x", "y")
 
 
 class ResultsError(ValueError):
@@ -61,10 +61,14 @@ class ResultsError(ValueError):
 
 
 def as_dataset(
-    starts: Starts, lives: Mapping[str, Mapping[str, np.ndarray]], attributes: dict[str, Any]
+    starts: Starts,
+    lives: Mapping[str, Mapping[str, np.ndarray]],
+    attributes: dict[str, Any],
+    *,
+    every: int = 1,
 ) -> xr.Dataset:
-    """Labelled results of every policy's lives: arrays (cells, ...), series (cells, decisions + 1, ...); with
-    several worlds, each (worlds, cells, ...); frames (frames, ...).
+    """Labelled results of every policy's lives: arrays (cells, ...), series (cells, decisions + 1, ...) of so
+    many decisions one; with several worlds, each (worlds, cells, ...); frames (frames, ...).
     """
     import xarray as xr
 
@@ -105,8 +109,22 @@ def as_dataset(
     if worlds:
         coordinates["world"] = np.arange(len(starts.heading), dtype=np.int32)
     if longest:
-        coordinates["decision"] = np.arange(longest, dtype=np.int32)
+        coordinates["decision"] = every * np.arange(longest, dtype=np.int32)
     return xr.Dataset(variables, coordinates, attributes)
+
+
+def relabelled(arrays: Mapping[str, np.ndarray], own: Any) -> xr.Dataset:
+    """Results of their arrays by name, coordinates among them, in a world's own units where it has some."""
+    import xarray as xr
+
+    columns = {**STARTS, **LIVES, **SERIES, **FRAMES}
+    dimensions = _dimensions(worlds="world" in arrays)
+    variables = {
+        name: (dimensions[name], values, _labels(in_units(columns[name][2], own), columns[name][3]))
+        for name, values in arrays.items()
+        if name not in COORDINATES
+    }
+    return xr.Dataset(variables, {name: arrays[name] for name in COORDINATES if name in arrays})
 
 
 def _labels(units: str, long_name: str) -> dict[str, str]:
@@ -216,7 +234,7 @@ def load_population(path: str | os.PathLike) -> xr.Dataset:
 def _check_header(file: Path, size: int) -> None:
     import h5py
 
-    known, announced = {*STARTS, *LIVES, *SERIES, *FRAMES, *_COORDINATES}, 0
+    known, announced = {*STARTS, *LIVES, *SERIES, *FRAMES, *COORDINATES}, 0
     with hdf5.opened(file) as stored:
         for name in stored.names():
             if not isinstance(stored.file.get(name, getlink=True), h5py.HardLink):

@@ -2,14 +2,14 @@
 
 import functools
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from swarm._support import streams
 from swarm.physics.starts import Draws, Starts, draw_chance, draw_record_noise, noise_of
 from swarm.physics.world import Outcome, State, World
-from swarm.policies.policy import AnyPolicy, begin, lived
+from swarm.policies.policy import AnyPolicy, begin, is_deterministic, lived
 
 
 class Moment(NamedTuple):
@@ -28,15 +28,19 @@ def rollout(
     *,
     population: streams.Population = "test",
     episode: int | np.ndarray = 0,
+    first: int = 0,
+    state: State | None = None,
 ) -> Iterator[Moment]:
     """The start, then what every decision led to, until all lives are over.
 
     A policy with a state of its own gets it from decision to decision. Random numbers are those of the
     `population`'s seed and episode, cell by cell, whatever the policy. Starts (worlds, cells, …) are those of
-    several worlds, one for each episode from `episode` on, or of the episodes (worlds,) given.
+    several worlds, one for each episode from `episode` on, or of the episodes (worlds,) given; cells may be
+    those of a larger population from the `first` on. `state` is the one at t = 0, where that is known.
     """
-    state = started(world, starts, seed, population=population, episode=episode)
-    numbers = chances(world, starts.heading.shape, seed, population=population, episode=episode)
+    which: Any = {"population": population, "episode": episode, "first": first}
+    state = started(world, starts, seed, **which) if state is None else state
+    numbers = chances(world, starts.heading.shape, seed, chance=not is_deterministic(policy), **which)
     carry = begin(policy, world, state)
     yield Moment(state, np.ones(starts.heading.shape, bool), None)
     for decision in range(world.max_decisions):
@@ -55,10 +59,11 @@ def started(
     *,
     population: streams.Population = "test",
     episode: int | np.ndarray = 0,
+    first: int = 0,
 ) -> State:
     """The state at t = 0, its records with their noise; starts and episodes as of `chances`."""
     cells = starts.heading.shape
-    draw = functools.partial(draw_record_noise, world, cells[-1], seed, population=population)
+    draw = functools.partial(draw_record_noise, world, cells[-1], seed, population=population, first=first)
     noise = [part for each in _episodes(cells, episode) if (part := draw(episode=each)) is not None]
     if not noise:
         return world.start(*starts)
@@ -72,25 +77,31 @@ def chances(
     *,
     population: streams.Population = "test",
     episode: int | np.ndarray = 0,
-) -> Callable[[int], tuple[np.ndarray, np.ndarray | None]]:
-    """The random numbers of each decision: a policy's (cells,), and the world's noise or None.
+    first: int = 0,
+    chance: bool = True,
+) -> Callable[[int], tuple[np.ndarray | None, np.ndarray | None]]:
+    """The random numbers of each decision: a policy's (cells,), or None without `chance`, and the world's
+    noise or None.
 
     `cells` may be (worlds, cells); each world's numbers are those of an episode of its own, by default one
     after the other from `episode` on.
     """
     episodes = np.array(_episodes(cells, episode))
     worlds = len(episodes)
-    drawn = [
-        Draws(draw, (worlds, cells[-1]), (seed,) * worlds, population=population)
-        for draw in (draw_chance, noise_of(world))[: 1 + world.has_noise]
-    ]
 
-    def numbers(decision: int) -> tuple[np.ndarray, np.ndarray | None]:
-        at = [each.at(episodes, decision) for each in drawn]
-        chance, *noise = [each if len(cells) > 1 else each[0] for each in at]
-        return chance, noise[0] if noise else None
+    def drawn(draw: Callable[..., np.ndarray], wanted: bool) -> Callable[[int], np.ndarray | None]:
+        if not wanted:
+            return lambda decision: None
+        draws = Draws(
+            functools.partial(draw, first=first),
+            (worlds, cells[-1]),
+            (seed,) * worlds,
+            population=population,
+        )
+        return lambda decision: draws.at(episodes, decision)[... if len(cells) > 1 else 0]
 
-    return numbers
+    of_policy, of_world = drawn(draw_chance, chance), drawn(noise_of(world), world.has_noise)
+    return lambda decision: (of_policy(decision), of_world(decision))
 
 
 def _episodes(cells: tuple[int, ...], episode: int | np.ndarray) -> list[int]:

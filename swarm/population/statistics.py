@@ -10,6 +10,7 @@ truth.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -25,17 +26,23 @@ LEVEL = 0.95  # of every interval
 
 def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Per policy: `mean`, `std`, `min`, `max` of the cells' gains, `ci95` of the mean, `fraction_of_limit`,
-    `difference_to_greedy` (`mean`, `ci95`; cell by cell) and `wins`, the number of cells that beat greedy.
+    `difference_to_greedy` (`mean`, `ci95`; cell by cell), `wins`, the number of cells that beat greedy, and
+    `arrived`, of those that reached the egg.
 
     The intervals are Student's, 95%, over the cells of all worlds; over the worlds where the cells of one are
     coupled and so not independent; None with a single one. `std` is over the cells (divided by their number).
-    `fraction_of_limit` is None without a limit or with none above 0.
+    `fraction_of_limit` is None without a limit or with none above 0. Results of a population that was tested
+    in blocks hold theirs, with `quantiles` of the gain.
     """
+    if (known := _stored(results)) is not None:
+        return known
     gains = results["gain"].transpose("policy", ..., "cell").values  # (policies, [worlds,] cells)
     ahead = gains - results["gain"].sel(policy=RIVAL).values
     coupled = bool(results.attrs.get("coupled"))
     gains, ahead = (each.reshape(len(each), -1, each.shape[-1]) for each in (gains, ahead))
-    limit = results.attrs.get("limit")
+    limit, arrived = results.attrs.get("limit"), np.zeros(len(gains), int)
+    if "arrived" in results:
+        arrived = results["arrived"].transpose("policy", ...).values.reshape(len(gains), -1).sum(axis=1)
     return {
         str(name): {
             "mean": float(gains[i].mean()),
@@ -49,9 +56,21 @@ def statistics(results: xr.Dataset) -> dict[str, dict[str, Any]]:
                 "ci95": mean_interval(independent(ahead[i], coupled)),
             },
             "wins": int(np.sum(ahead[i] > 0)),
+            "arrived": int(arrived[i]),
         }
         for i, name in enumerate(results["policy"].values)
     }
+
+
+def _stored(results: xr.Dataset) -> dict[str, dict[str, Any]] | None:
+    """The statistics that results hold of themselves; None where there are none, or of other cells."""
+    try:
+        stored = json.loads(results.attrs["statistics"])
+        cells = results["gain"][0].size if "gain" in results else stored["cells"]
+        whole = (stored["cells"], [*stored["policies"]]) == (cells, results["policy"].values.tolist())
+        return stored["policies"] if whole else None
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return None
 
 
 def times_to_egg(results: xr.Dataset) -> xr.DataArray:
@@ -64,8 +83,14 @@ def times_to_egg(results: xr.Dataset) -> xr.DataArray:
 
 def arrivals(results: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Per policy: `arrived`, the number of cells that reached the egg, and of those the `mean` and the
-    `median` of the time it took; NaN where none did.
+    `median` of the time it took; NaN where none did. Where cells were not kept the median is NaN.
     """
+    if "arrived" not in results:
+        stored = _stored(results) or {}
+        return {
+            name: {"arrived": row["arrived"], "mean": row["time_to_egg"] or np.nan, "median": np.nan}
+            for name, row in stored.items()
+        }
     found, taken = {}, times_to_egg(results)
     for name in results["policy"].values:
         times = taken.sel(policy=name).values
@@ -118,7 +143,7 @@ def margin(*samples: np.ndarray, weights: Sequence[float] = (1.0,), shared_cells
             taken_off.append((np.sum(rest**2, axis=(-2, -1)) / (freedom * n_seeds * n_cells), freedom))
     by_cell = [np.sum(np.stack(np.broadcast_arrays(*by_cell)), axis=0)] if shared_cells else by_cell
     added += [_variance(each) for each in by_cell if each.shape[-1] > 1]
-    return _half_width(added, taken_off) if added else None
+    return half_width(added, taken_off) if added else None
 
 
 def share_interval(part: np.ndarray, whole: np.ndarray) -> tuple[float, float, float]:
@@ -153,7 +178,10 @@ def _variance(means: np.ndarray) -> tuple[Any, int]:
     return means.var(axis=-1, ddof=1) / length, length - 1
 
 
-def _half_width(added: list[tuple[Any, int]], taken_off: list[tuple[Any, int]]) -> Any:
+def half_width(added: list[tuple[Any, int]], taken_off: list[tuple[Any, int]]) -> Any:
+    """Half the width of the 95% interval of a mean whose variance is a sum of parts, each with its degrees of
+    freedom.
+    """
     from scipy.special import stdtrit
 
     variance = sum(each for each, _ in added) - sum(each for each, _ in taken_off)

@@ -129,7 +129,9 @@ def check_train(words):
     from trainers.settings.composition import settings_from
 
     flags = {"-m", "--multirun", "--show"}
-    own = [word for word in words if word not in flags and not word.startswith(("hydra", "resume="))]
+    own = [
+        word for word in words if word not in flags and not word.startswith(("hydra", "launcher", "resume="))
+    ]
     assert not [word for word in own if word.startswith("-")]
     for combination in expanded(own) if {"-m", "--multirun"} & set(words) else [own]:
         settings_from(combination)

@@ -83,6 +83,7 @@ def test_the_arguments_are_those_that_were_promised():
         "block_delay": 0.0,
         "binding_rate": None,
         "spread": None,
+        "units": None,
     }
     for make in (sperm_swarm_v0.parallel_env, sperm_swarm_v0.env, sperm_swarm_v0.raw_env):
         parameters = inspect.signature(make).parameters

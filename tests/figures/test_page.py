@@ -152,17 +152,20 @@ def test_a_browser_shows_time_gain_and_water(results, tmp_path):
     assert blue > red + 20  # the sea
 
 
+FRAMES = """<script>let moment = 0;
+window.requestAnimationFrame = draw => setTimeout(() => draw(moment += 100), 10);</script>"""
+
+
 @in_a_browser
 def test_a_page_plays_when_it_opens_and_without_webgl_says_so_in_a_line(results, tmp_path):
     save_page(results, tmp_path / "page.html")
-    for attempt in range(4):  # a busy machine may get no second frame drawn in time
-        dom = opened(tmp_path / "page.html", "", tmp_path / f"profile{attempt}", "--disable-3d-apis")
-        clock = re.search(r"t = ([\d.]+) of 12", dom)
-        assert clock is not None
-        assert ">The picture needs WebGL 2, which this browser does not offer here; the numbers work.<" in dom
-        if float(clock.group(1)) > 0:
-            return
-    pytest.fail("the clock of the page stands still")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")  # a busy machine gets its frames, too
+    (tmp_path / "page.html").write_text(text.replace("<body>", f"<body>{FRAMES}", 1), encoding="utf-8")
+    dom = opened(tmp_path / "page.html", "", tmp_path / "profile", "--disable-3d-apis")
+    assert ">The picture needs WebGL 2, which this browser does not offer here; the numbers work.<" in dom
+    clock = re.search(r"t = ([\d.]+) of 12", dom)
+    assert clock is not None
+    assert float(clock.group(1)) > 0
 
 
 @pytest.mark.slow

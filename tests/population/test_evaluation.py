@@ -1,5 +1,7 @@
 """Evaluation: what is told of a policy beside greedy and swinging, and which policies can be had."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -22,7 +24,9 @@ PROMISED |= {"greedy": dict, "difference_to_greedy": dict, "wins": int, "version
 
 @pytest.fixture
 def with_limit(monkeypatch):
-    monkeypatch.setattr(physical_limit, "limit", lambda world, starts: 1.5)
+    grids = dict.fromkeys(("coarse", "fine", "finest"), 1.5)
+    bounds = SimpleNamespace(means=lambda position, heading: grids)
+    monkeypatch.setattr(physical_limit, "bounds_of", lambda world: bounds)
 
 
 def test_the_summary_tells_what_was_promised(tmp_path, with_limit):

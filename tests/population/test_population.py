@@ -138,7 +138,7 @@ def test_units_and_provenance_are_in_the_attributes():
         ({"policies": {"": Greedy()}}, TypeError, "policies must be named by text, got ''"),
         ({"policies": {"mine": 3}}, TypeError, "policy 'mine' must have act"),
         ({"policies": {"greedy": Random()}}, ValueError, "policy 'greedy' must be the greedy strategy"),
-        ({"record": 1}, TypeError, "record must be True or False"),
+        ({"record": 1}, TypeError, "record must be one of all, ends, statistics, thinned, got 1"),
     ],
 )
 def test_bad_input_is_named(options, error, words):

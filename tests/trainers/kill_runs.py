@@ -20,7 +20,7 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from swarm._support import provenance
+from swarm._support import files, provenance
 from tests.short_runs import NOISE, assert_equal_runs, short_settings
 from trainers import cli
 from trainers.training import run as running  # noqa: F401
@@ -109,7 +109,7 @@ def main(wanted, parent, seed):
         run = runs.RunFolder(folder)
         assert run.finished
         assert_equal_runs(run, whole)
-        left = [path for path in folder.rglob(".*") if path.name != runs.LOCK]
+        left = [path for path in folder.rglob(".*") if path.name != files.LOCK]
         assert not left, left
     print(f"{kills} kills in {count} runs; all ended as the run that was not killed")
 

@@ -7,7 +7,10 @@ from typing import Annotated
 
 import typer
 
-POLICY = "A run folder, a policy file, greedy, adaptive, adaptive_on_off, swinging, random, optimal, or one of {zoo}"
+POLICY = (
+    "A run folder, a policy file, greedy, adaptive, adaptive_on_off, swinging, random, optimal, "
+    "or one of {zoo}"
+)
 Experiment = Annotated[
     str | None,
     typer.Option(help="Whose world; default: the policy's own, or linear_n4. One of {experiments}."),
@@ -34,3 +37,11 @@ Noise = typer.Option(help="Strength of a perturbation; several draw gain against
 NoiseKind = typer.Option(help="What --noise perturbs, one of {noises}; default: concentration.")
 Picture = typer.Option(help="A film (.mp4, .gif) or a page (.html); without: a window.")
 Size = typer.Option(help="Height of a film in pixels; default: 720, of a .gif 360.")
+Record = typer.Option(
+    help="Live block by block, and keep of each cell in --out: its end (ends), thinned or all of its course."
+)
+Launcher = typer.Option(help="Where work runs: here, in processes, or on a cluster by ray; default: here.")
+Jobs = typer.Option(help="How many processes at once; default: 2, of ray as many as there are cores.")
+Address = typer.Option(
+    help="A Ray cluster, HOST:PORT, ray://HOST:PORT or auto; default: one on this machine."
+)

@@ -11,15 +11,19 @@ from trainers.cli.app import app
 from trainers.cli.listing import Listing
 from trainers.cli.options import (
     POLICY,
+    Address,
     Against,
     Cells,
     Experiment,
     Formats,
+    Jobs,
+    Launcher,
     Life,
     NewFolder,
     Noise,
     NoiseKind,
     Picture,
+    Record,
     Seed,
     Share,
     ShortLife,
@@ -41,6 +45,10 @@ def evaluate(
     worlds: Annotated[int | None, Worlds] = None,
     against: Annotated[str | None, Against] = None,
     share: Annotated[float | None, Share] = None,
+    record: Annotated[str | None, Record] = None,
+    launcher: Annotated[str | None, Launcher] = None,
+    jobs: Annotated[int | None, Jobs] = None,
+    address: Annotated[str | None, Address] = None,
     out: NewFolder = None,
 ) -> None:
     """Test a policy on fresh cells, next to greedy, swinging and the physical limit."""
@@ -48,11 +56,12 @@ def evaluate(
     from swarm._support.terminal import print_table
     from trainers.jobs.trial import trial
 
-    if out is not None:
+    if out is not None and record is None:
         files.check_new_folder(out)
     sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
     perturbed: dict[str, Any] = {"levels": noise or (), "kind": noise_kind}
-    found = trial(policy, experiment, **sizes, **perturbed, against=against, share=share)
+    run: dict[str, Any] = {"record": record, "out": out, "where": (launcher, jobs, address)}
+    found = trial(policy, experiment, **sizes, **perturbed, **run, against=against, share=share)
     if out is not None:
         found.save(out)
     if found.tested is not None:
@@ -60,7 +69,7 @@ def evaluate(
     else:
         print_table(found.table.headings, found.table.texts)
     if out is not None:
-        print(f"results and figures are in {out}")
+        print(f"results and figures are in {out}" if record is None else f"results are in {out}")
 
 
 @app.command()

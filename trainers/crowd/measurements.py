@@ -16,7 +16,7 @@ from swarm._support import provenance, tensors
 from swarm.physics.starts import draw_starts, draw_worlds
 from swarm.policies.policy import AnyPolicy
 from swarm.policies.strategies import Greedy
-from swarm.population.contest import lives
+from swarm.population.blocks.block import lives
 from swarm.population.contests import contest
 from swarm.population.results import RIVAL
 from swarm.population.rollout import rollout

@@ -11,6 +11,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExec
 from typing import Any, NamedTuple
 
 from swarm._support.terminal import Progress
+from trainers.training.run_folder import RunError
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 GRACE = 60.0  # [s] a process whose parent is gone has to save what it was doing
@@ -65,6 +66,8 @@ def run_tasks(tasks: Sequence[Task], executor: Executor, *, title: str) -> list[
 class InProcess(Executor):
     """Does each task at once, here."""
 
+    workers = 1
+
     def submit(self, do: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future:
         """The outcome of `do(*arguments, **options)`, which is done when this returns."""
         future: Future = Future()
@@ -76,11 +79,14 @@ class InProcess(Executor):
 
 
 class Processes(Executor):
-    """Each task in a process of its own, `workers` at a time: one that is killed takes no other with it."""
+    """Tasks in `workers` processes: one that is killed takes no other's task with it, and is replaced."""
 
     def __init__(self, workers: int) -> None:
         os.environ.update(ONE_THREAD | os.environ)  # before a process imports what computes
-        self._threads = ThreadPoolExecutor(workers)  # each of them waits for a process
+        self.workers = workers
+        self._threads = ThreadPoolExecutor(workers)  # each of them has a process
+        self._own = threading.local()
+        self._processes: list[ProcessPoolExecutor] = []
         self._gate, self._stopped = threading.Lock(), False
 
     def submit(self, do: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future:
@@ -88,16 +94,19 @@ class Processes(Executor):
         return self._threads.submit(self._alone, do, arguments, options)
 
     def _alone(self, do: Callable[..., Any], arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(1, mp_context=context, initializer=_begin) as process:
-            with self._gate:  # no process begins once they have been asked to end
-                if self._stopped:
-                    raise RuntimeError("it was not begun")
-                future = process.submit(do, *arguments, **options)
-            try:
-                return future.result()
-            except (BrokenExecutor, KeyboardInterrupt):
-                raise RuntimeError("its process was stopped, perhaps because memory ran out") from None
+        with self._gate:  # no process begins once they have been asked to end
+            if self._stopped:
+                raise RuntimeError("it was not begun")
+            if getattr(self._own, "process", None) is None:
+                context = multiprocessing.get_context("spawn")
+                self._own.process = ProcessPoolExecutor(1, mp_context=context, initializer=_begin)
+                self._processes.append(self._own.process)
+            future = self._own.process.submit(do, *arguments, **options)
+        try:
+            return future.result()
+        except (BrokenExecutor, KeyboardInterrupt):
+            self._own.process = None
+            raise RunError("its process was stopped, perhaps because memory ran out") from None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Wait for what runs; with `cancel_futures`, begin nothing more and ask what runs to save and end."""
@@ -107,6 +116,8 @@ class Processes(Executor):
             for process in multiprocessing.active_children():
                 process.terminate()
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
+        for each in self._processes:
+            each.shutdown(wait)
 
 
 def executor_for(workers: int) -> Executor:

@@ -8,17 +8,22 @@ import itertools
 import json
 import os
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import ExitStack
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
 from swarm._support import files
 from swarm._support.checks import check_count, check_name
-from trainers.jobs.executors import Task, executor_for, run_tasks
+from trainers.jobs.cluster import LAUNCHERS, Ray, launched
+from trainers.jobs.executors import Task, run_tasks
+from trainers.jobs.remote import needs_of, train_through
 from trainers.settings.composition import (
     SettingsError,
     by_value,
@@ -32,7 +37,9 @@ from trainers.training.machine import check_machine
 from trainers.training.run import train_in
 from trainers.training.run_folder import RunError, RunFolder, is_run_folder, part_done
 
-FOLDER, LAUNCHER, JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
+FOLDER, HYDRAS, HYDRAS_JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
+OPTIONS = ("launcher.jobs", "launcher.address")
+OWN = ("hydra", "launcher")
 MAX_NAME = 240  # [bytes] of a run's folder, whose temporary sibling has a name of at most 255
 
 
@@ -45,26 +52,34 @@ def sweep(words: Sequence[str]) -> None:
         if word.startswith("resume="):
             rule = "resume goes on with one run, a sweep goes on with the same command"
             raise SettingsError(f"{rule} and the same {FOLDER}=DIR, got {word}")
-    own = dict(word.partition("=")[::2] for word in words if word.startswith("hydra"))
-    for key in own:
-        check_name("Hydra's own key of a sweep", key, (FOLDER, LAUNCHER, JOBS))
-    launcher = check_name(LAUNCHER, own.get(LAUNCHER, "joblib"), ("basic", "joblib"))
-    number = own.get(JOBS, "2")
-    workers = check_count(JOBS, int(number) if number.isdecimal() else number)
+    own = dict(word.partition("=")[::2] for word in words if word.startswith(OWN))
+    launcher, workers, address = _launcher(own)
     runs = wanted(words)
     for settings in runs.values():
         check_machine(settings)
     folder = _sweep_folder(own.get(FOLDER), runs)
+    with ExitStack() as held:
+        if launcher == "ray":
+            held.enter_context(files.owned(folder))
+        _run(folder, runs, launched(launcher, workers, address))
+
+
+def _run(folder: Path, runs: Mapping[str, Settings], executor: Executor) -> None:
     paths = [folder / name for name in runs]
+    do: Callable[..., None] = train_in
+    first: list[tuple[Any, ...]] = [()] * len(runs)
+    if isinstance(executor, Ray):
+        do, first = train_through, [(executor.needing(needs_of(each)),) for each in runs.values()]
+        executor = ThreadPoolExecutor(len(runs))  # each waits for its run's pieces
     tasks = [
-        Task(path.name, train_in, (path, each), part_done=partial(part_done, path, each.learning.epochs))
-        for path, each in zip(paths, runs.values(), strict=True)
+        Task(path.name, do, (*begin, path, each), part_done=partial(part_done, path, each.learning.epochs))
+        for begin, path, each in zip(first, paths, runs.values(), strict=True)
     ]
     quoted = shlex.quote(str(folder))
     print(f"{len(paths)} runs in {folder}")
     again = f"the same command with {FOLDER}={quoted} goes on with them"
     try:
-        outcomes = run_tasks(tasks, executor_for(0 if launcher == "basic" else workers), title="sweep")
+        outcomes = run_tasks(tasks, executor, title="sweep")
     except KeyboardInterrupt as stopped:
         stopped.add_note(again)
         raise
@@ -73,9 +88,22 @@ def sweep(words: Sequence[str]) -> None:
     print(f"all {len(paths)} runs are in {folder}; swarm compare {quoted}/* shows them side by side")
 
 
+def _launcher(own: dict[str, str]) -> tuple[str, int | None, str | None]:
+    """Where a sweep runs, by its own words and by Hydra's: launcher, jobs, address."""
+    for key in own:
+        check_name("own key of a sweep", key, (FOLDER, HYDRAS, HYDRAS_JOBS, "launcher", *OPTIONS))
+    words = {"basic": "here", "joblib": "processes"}
+    hydras = words[check_name(HYDRAS, own.get(HYDRAS, "joblib"), words)]
+    launcher = check_name("launcher", own.get("launcher", hydras), LAUNCHERS)
+    key = OPTIONS[0] if OPTIONS[0] in own else HYDRAS_JOBS
+    number = own.get(key)
+    jobs = None if number is None else check_count(key, int(number) if number.isdecimal() else number)
+    return launcher, None if launcher == "here" else jobs, own.get(OPTIONS[1])
+
+
 def wanted(words: Sequence[str]) -> dict[str, Settings]:
     """The settings of every combination of the words, by its name; raises SettingsError or RunError."""
-    combinations = expanded([word for word in words if not word.startswith("hydra")])
+    combinations = expanded([word for word in words if not word.startswith(OWN)])
     runs = [settings_from(combination) for combination in combinations]
     names = named(combinations)
     check_different(names, runs)

@@ -7,10 +7,24 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from swarm._support import files
+from swarm._support.checks import check_name
+from swarm._support.streams import BLOCK
 from swarm._support.tables import Table
 from swarm._support.terminal import Progress
-from swarm.figures.evaluation import save_contest, save_evaluation, save_noise_sweep
+from swarm.figures.evaluation import (
+    POPULATION,
+    SUMMARY,
+    save_contest,
+    save_evaluation,
+    save_noise_sweep,
+    save_summary,
+)
+from swarm.physics.world import World
 from swarm.population import contests, evaluation, noise
+from swarm.population.blocks.block import needed
+from swarm.population.blocks.storage import parts_of
+from trainers.jobs.cluster import Needs, Ray, launched
 from trainers.settings.composition import settings_of
 
 
@@ -34,10 +48,15 @@ def trial(
     kind: str | None = None,
     against: str | None = None,
     share: float | None = None,
+    record: str | None = None,
+    out: Path | None = None,
+    where: tuple[str | None, int | None, str | None] = (None, None, None),
 ) -> Trial:
     """Tests a policy by the options of the command; None is an option that was left out.
 
-    Raises ValueError for options that do not go together, and as what tests it does.
+    Where something is recorded by name, the lives go block by block to `out`, computed as `launched(*where)`
+    says, and what is there already is gone on with. Raises ValueError for options that do not go together,
+    and as what tests it does.
     """
     if kind is not None and not levels:
         raise ValueError(f"--noise-kind must come with --noise, got {kind!r} alone")
@@ -46,6 +65,10 @@ def trial(
     strengths = noise.levels_of(levels)
     if len(strengths) > 1 and against is not None:
         raise ValueError(f"--noise must be one level with --against, got {len(strengths)}")
+    if record is not None and (against is not None or len(strengths) > 1):
+        raise ValueError(f"--record must come without --against and several levels of --noise, got {record}")
+    if record is None and where != (None, None, None):
+        raise ValueError("--launcher, --jobs and --address must come with --record, got them alone")
     settings = settings_of(policy, experiment)
     world, test = settings.test_world(), settings.evaluation
     options: dict[str, Any] = {"life": test.life if life is None else life, "seed": seed}
@@ -63,7 +86,50 @@ def trial(
         with Progress("contest", 1.0) as bar:
             results = evaluation.compete(policy, against, world, **options, progress=bar.show)
         return Trial(contests.table(results), functools.partial(save_contest, results))
+    if record is not None:
+        return _recorded(policy, settings.experiment, world, record, out, where, options)
     with Progress("population test", 1.0) as bar:
         options["progress"] = bar.show
         tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
     return Trial(tested.table, functools.partial(save_evaluation, tested), tested)
+
+
+def _recorded(
+    policy: str,
+    experiment: str,
+    world: World,
+    record: str,
+    out: Path | None,
+    where: tuple[str | None, int | None, str | None],
+    sizes: dict[str, Any],
+) -> Trial:
+    """Tests a population of any size, telling what it needs before it begins."""
+    cells = sizes["cells"] * sizes["worlds"]
+    check_name("--record", record, ("ends", "thinned", "all"))
+    file = None if out is None else _place(out)
+    kept: Any = record if file else "statistics"
+    own, longer = {"record": kept, "out": file}, world.replace(life=sizes["life"])
+    with launched(*where) as executor, Progress("cells", cells) as bar:
+        memory, disk = needed(longer, kept, cells, workers=getattr(executor, "workers", 1))
+        on_disk = f", {disk / 2**20:,.0f} MiB in {out}" if file else "; no cell is kept without --out"
+        bar.say(f"{cells:,} cells, {BLOCK:,} at once: about {memory / 2**20:,.0f} MiB of memory{on_disk}")
+        if isinstance(executor, Ray):
+            executor = executor.needing(Needs(memory=needed(longer, kept, cells, workers=1)[0]))
+
+        def progress(part: float) -> None:
+            bar.show(part * cells, text=f"{part * cells:,.0f}/{cells:,}")
+
+        own |= {"executor": executor, "progress": progress}
+        found = evaluation.evaluate(policy, world, experiment=experiment, **sizes, **own)
+    return Trial(found.table, functools.partial(save_summary, found), found)
+
+
+def _place(out: Path) -> Path:
+    """The file of a population in its folder; raises FileExistsError unless that is new, or holds one that is
+    not finished.
+    """
+    folder = files.expanded(out)
+    file = folder / POPULATION
+    if (folder / SUMMARY).exists() or not (file.exists() or parts_of(file).exists()):
+        files.check_new_folder(folder)
+    return file

@@ -12,7 +12,7 @@ from swarm.physics.world import World
 from swarm.policies.network import Network
 from swarm.policies.policy import AnyPolicy
 from swarm.policies.strategies import Greedy, Swinging
-from swarm.population.contest import lives
+from swarm.population.blocks.block import lives
 from swarm.population.results import RIVAL
 
 DEVISED = ""  # the recipe of strategies that nobody trained

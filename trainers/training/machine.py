@@ -4,7 +4,7 @@ import importlib.util
 import re
 
 from swarm._support.checks import check_memory
-from swarm.population import contest
+from swarm.population.blocks import block as blocks
 from trainers.algorithms.base import learner_of
 from trainers.settings.composition import SettingsError
 from trainers.settings.schema import Settings
@@ -25,7 +25,7 @@ def check_machine(settings: Settings) -> None:
             test = settings.evaluation
             rule = "evaluation.cells must be fewer, or evaluation.life shorter, got"
             cells = test.cells * test.worlds
-            needed = contest.memory_needed(settings.test_world(), cells)
+            needed = blocks.memory_needed(settings.test_world(), cells)
             check_memory(needed, f"{rule} {cells} and {test.life:g}")
     except ValueError as error:
         raise SettingsError(str(error)) from None

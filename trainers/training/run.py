@@ -177,15 +177,20 @@ def _epoch(training: Training, run: RunFolder, log: Log) -> float:
     seconds = time.perf_counter() - started
     rows = list(training.metric_rows(training.epoch - 1))
     run.append(runs.METRICS, training.columns, rows)
-    timing = {
+    timing = timing_of(training, decisions, updates, seconds)
+    run.append(runs.TIMINGS, runs.TIMING_COLUMNS, [timing])
+    log(rows, timing)
+    return seconds
+
+
+def timing_of(training: Training, decisions: int, updates: int, seconds: float) -> dict[str, Any]:
+    """The row of timings of the epoch that was begun after so many decisions and updates."""
+    return {
         "epoch": training.epoch,
         "seconds": seconds,
         "decisions_per_second": _rate(training.decisions - decisions, seconds),
         "updates_per_second": _rate(training.algorithm.updates - updates, seconds),
     }
-    run.append(runs.TIMINGS, runs.TIMING_COLUMNS, [timing])
-    log(rows, timing)
-    return seconds
 
 
 def _rate(number: int, seconds: float) -> float | None:

@@ -10,7 +10,7 @@ import re
 import shlex
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,6 @@ from trainers.settings.schema import Settings
 
 SETTINGS, PROVENANCE, METRICS, TIMINGS = "settings.yaml", RECORD, "metrics.csv", "timings.csv"
 POLICY, FIGURE, CHECKPOINTS, TEST = "policy.safetensors", "training.png", "checkpoints", "evaluation"
-LOCK = ".lock"
 MAX_TEXT = 2**18  # [bytes] of settings and provenance
 
 TIMING_COLUMNS = ("epoch", "seconds", "decisions_per_second", "updates_per_second")
@@ -75,19 +74,12 @@ class RunFolder:
     def owned(self) -> Iterator[None]:
         """Within, no other process works on this run, and what killed ones left half-written is gone; raises
         RunError where another does.
-
-        The operating system lets go of the lock when the process ends, however it ends.
         """
-        import fcntl
-
-        with (self.path / LOCK).open("a") as file:
+        with ExitStack() as held:
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                rule = "is being worked on by another process: wait for it or stop it"
-                raise RunError(f"{self.path} {rule}") from None
-            except OSError:  # a file system without locks
-                pass
+                held.enter_context(files.owned(self.path))
+            except FileExistsError as error:
+                raise RunError(str(error)) from None
             self.tidy()
             yield
 

@@ -12,7 +12,7 @@ from swarm.optimal.physical_limit import limit
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies.strategies import Greedy
-from swarm.population.contest import lives
+from swarm.population.blocks.block import lives
 from swarm.population.results import RIVAL
 from trainers.algorithms.networks import best
 

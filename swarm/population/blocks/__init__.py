@@ -1,0 +1,1 @@
+"""Populations of any size, block by block."""

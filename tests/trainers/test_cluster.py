@@ -1,0 +1,173 @@
+"""A Ray cluster of two nodes on this machine: a worker killed, a node removed, and nothing lost.
+
+Run by `make cluster`; `make cluster-long` has longer lives.
+"""
+
+import filecmp
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from swarm._support import provenance
+from swarm.physics.world import World
+from swarm.policies.network import load_policy
+from swarm.population.contest import population_test
+from trainers.jobs import cluster, sweep
+from trainers.jobs.cluster import ClusterError, Needs, Ray, launched
+
+ray = pytest.importorskip("ray", reason="needs chemoswarm[cluster]")
+pytestmark = [pytest.mark.cluster, pytest.mark.filterwarnings("default")]
+LONG = os.environ.get("CLUSTER") == "cluster-long"
+WORDS = [
+    *("learning.n_swimmers=2", "learning.hidden=[4]", "learning.batch_size=4", "learning.buffer_size=50"),
+    *("world.life=8", "validation.life=2", "validation.cells=2", "tensorboard=false", "checkpoint_every=30"),
+    f"learning.epochs={600 if LONG else 60}",
+    "seed=0,1,2,3,4,5,6,7",
+]
+CELLS, LIFE = (10_000_000, 20.0) if LONG else (1_000_000, 4.0)
+
+
+def noted(file, do, *arguments):
+    """What a task gives, noting in a file that it begins and ends: its name, process and node."""
+    name = f"{do.__name__}:{arguments[-1].number if do.__name__ == 'lived' else name_of(*arguments)}"
+    node, place = ray.get_runtime_context().get_node_id(), Path(file)
+    note(place, f"begin {name} {os.getpid()} {node}")
+    found = do(*arguments)
+    note(place, f"end {name} {os.getpid()} {node}")
+    return found
+
+
+def name_of(settings, before, epochs):
+    return f"{settings.seed},{before.record['epoch'] if before else 0}"
+
+
+def note(file, line):
+    descriptor = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    os.write(descriptor, f"{line}\n".encode())
+    os.close(descriptor)
+
+
+class Noted(Ray):
+    """A cluster whose tasks say when they begin and end."""
+
+    def submit(self, do, *arguments):
+        return super().submit(noted, self.file, do, *arguments)
+
+
+class Havoc(threading.Thread):
+    """Kills a worker at work, later removes a node at work, when so many tasks have ended."""
+
+    def __init__(self, nodes, node, file, kill_at, remove_at):
+        super().__init__(daemon=True)
+        self.nodes, self.node, self.file = nodes, node, file
+        self.kill_at, self.remove_at, self.killed, self.removed = kill_at, remove_at, None, None
+
+    def running(self, ended):
+        """The (process, node) of tasks at work, once so many have ended."""
+        while True:
+            lines = (
+                [line.split() for line in self.file.read_text().splitlines()] if self.file.exists() else []
+            )
+            over = [tuple(line[1:]) for line in lines if line[0] == "end"]
+            at_work = [line[1:] for line in lines if line[0] == "begin" and tuple(line[1:]) not in over]
+            there = [(int(process), node) for _, process, node in at_work if int(process) != self.killed]
+            if len(over) >= ended and there:
+                return there
+            time.sleep(0.02)
+
+    def run(self):
+        self.killed = self.running(self.kill_at)[-1][0]
+        os.kill(self.killed, signal.SIGKILL)
+        removed = self.node.node_id
+        while removed not in [node for _, node in self.running(self.remove_at)]:
+            time.sleep(0.02)
+        self.removed = removed
+        self.nodes.remove_node(self.node, allow_graceful=False)
+
+
+@pytest.fixture
+def nodes():
+    from ray.cluster_utils import Cluster
+
+    head = {"num_cpus": 1, "object_store_memory": 300 * 2**20, "include_dashboard": False}
+    made = Cluster(initialize_head=True, head_node_args=head)
+    yield made
+    ray.shutdown()
+    made.shutdown()
+
+
+@pytest.fixture
+def havoc(nodes, tmp_path):
+    node = nodes.add_node(num_cpus=1, object_store_memory=300 * 2**20)
+    nodes.wait_for_nodes()
+    executor = Noted(nodes.address)
+    executor.file = tmp_path / "notes"
+    return executor, lambda *when: Havoc(nodes, node, executor.file, *when)
+
+
+def check_only_the_lost_was_done_twice(havoc, units):
+    """Whatever began again had begun where a process or a node was lost."""
+    begun = {}
+    for kind, name, process, node in (line.split() for line in havoc.file.read_text().splitlines()):
+        if kind == "begin":
+            begun.setdefault(name, []).append((int(process), node))
+    assert len(begun) == units
+    again = [each for places in begun.values() for each in places[:-1]]
+    assert all(process == havoc.killed or node == havoc.removed for process, node in again), again
+    assert any(process == havoc.killed for process, _ in again)
+    assert any(node == havoc.removed for process, node in again if process != havoc.killed)
+    print(f"{units} tasks, {len(again)} of them begun again")
+
+
+@pytest.mark.slow
+def test_a_population_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path):
+    executor, wreak = havoc
+    policies = {"dqn": load_policy("zoo:linear_n4")}
+    sizes = {"cells": CELLS, "life": LIFE, "record": "ends"}
+    wreaked = wreak(3, 6)
+    wreaked.start()
+    shared = population_test(World(), policies, **sizes, out=tmp_path / "shared.nc", executor=executor)
+    wreaked.join(10)
+    alone = population_test(World(), policies, **sizes, out=tmp_path / "alone.nc")
+    assert filecmp.cmp(tmp_path / "shared.nc", tmp_path / "alone.nc", shallow=False)
+    check_only_the_lost_was_done_twice(wreaked, shared.attrs["blocks"])
+    shared.close(), alone.close()
+
+
+@pytest.mark.slow
+def test_a_sweep_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path, monkeypatch):
+    executor, wreak = havoc
+    monkeypatch.chdir(tmp_path)
+    wreaked = wreak(3, 6)
+    wreaked.start()
+    with monkeypatch.context() as within:
+        within.setattr(sweep, "launched", lambda *where: executor)
+        sweep.sweep([*WORDS, "launcher=ray", "hydra.sweep.dir=shared"])
+    wreaked.join(10)
+    sweep.sweep([*WORDS, "launcher=here", "hydra.sweep.dir=alone"])
+    for seed in range(8):
+        for name in ("policy.safetensors", "metrics.csv", "settings.yaml", "run.json"):
+            assert filecmp.cmp(f"shared/seed={seed}/{name}", f"alone/seed={seed}/{name}", shallow=False)
+    check_only_the_lost_was_done_twice(wreaked, 8 * (20 if LONG else 2))
+
+
+@pytest.mark.slow
+def test_what_a_cluster_lacks_is_said_before_it_works(nodes, monkeypatch):
+    executor = Ray(nodes.address)
+    with pytest.raises(
+        ClusterError, match=r"a node must have what a task needs, CPU 1, 9.31e\+05 GiB of mem"
+    ):
+        executor.needing(Needs(memory=1e15))
+    with pytest.raises(ZeroDivisionError):  # its own error, and not again
+        executor.submit(divmod, 1, 0).result(60)
+    here = {**provenance.versions(), "numpy": "0.1"}
+    monkeypatch.setattr(cluster.provenance, "versions", lambda: here)
+    with pytest.raises(ClusterError, match=r"worker on .* must have numpy 0\.1, got numpy \d"):
+        Ray(nodes.address)
+    ray.shutdown()
+    with pytest.raises(ClusterError, match=r"address must be a Ray cluster that answers, got 127\.0\.0\.1:9"):
+        launched("ray", address="127.0.0.1:9")

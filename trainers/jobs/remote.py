@@ -1,0 +1,81 @@
+"""Remote trainings: a run whose epochs are computed elsewhere, and whose folder is kept here.
+
+A piece of a training is a pure function of the settings and of the state it begins with, from one checkpoint
+to the next. The driver writes the checkpoints, so that a lost worker costs one piece, and a lost driver none.
+"""
+
+import threading
+import time
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from safetensors.torch import load, save
+
+from trainers.jobs.cluster import Needs
+from trainers.settings.composition import settings_from_stored
+from trainers.settings.schema import Settings
+from trainers.training import checkpoint as checkpoints
+from trainers.training import run_folder as runs
+from trainers.training import snapshot as snapshots
+from trainers.training.machine import memory_needed
+from trainers.training.run import prepare, timing_of, train_in
+from trainers.training.run_folder import RunFolder
+
+LOADED = 6e8  # [bytes] of a process with torch
+_finishing = threading.Lock()  # what draws figures does one at a time
+
+
+class Piece(NamedTuple):
+    """The state of a training after some epochs."""
+
+    tensors: bytes  # of safetensors
+    record: dict[str, int]
+    timings: list[dict[str, Any]]  # of its epochs
+
+
+def needs_of(settings: Settings) -> Needs:
+    """What a piece of a training needs of a node."""
+    on_gpu = settings.device != "cpu"
+    return Needs(settings.threads, float(on_gpu), LOADED + (0 if on_gpu else 2 * memory_needed(settings)))
+
+
+def advance(settings: Settings, before: Piece | None, epochs: int) -> Piece:
+    """So many further epochs of a training."""
+    training = prepare(settings)
+    if before is not None:
+        snapshots.restore(training, load(before.tensors), before.record)
+    timings = []
+    for _ in range(epochs):
+        started, decisions, updates = time.perf_counter(), training.decisions, training.algorithm.updates
+        training.run_epoch()
+        timings.append(timing_of(training, decisions, updates, time.perf_counter() - started))
+    held = {name: value.cpu().contiguous() for name, value in snapshots.tensors_of(training).items()}
+    return Piece(save(held), snapshots.record_of(training), timings)
+
+
+def train_through(executor: Executor, folder: Path, settings: Settings) -> None:
+    """As `train_in`, but epochs are computed by an executor: what comes out is the same, bit for bit."""
+    if not runs.is_run_folder(folder):
+        RunFolder.create(folder, settings)
+    run, stored = RunFolder.open(folder)
+    if not run.finished:
+        settings = settings_from_stored(stored, folder)
+        with run.owned():
+            _advance_to_the_end(executor, run, settings)
+    with _finishing:
+        train_in(folder, settings)
+
+
+def _advance_to_the_end(executor: Executor, run: RunFolder, settings: Settings) -> None:
+    folder, epochs, every = run.path / runs.CHECKPOINTS, settings.learning.epochs, settings.checkpoint_every
+    checkpoints.tidy(folder)
+    found = checkpoints.read_newest(folder, settings.identity())
+    state = None if found is None else Piece(save(found[0]), found[1], [])
+    done = 0 if state is None else state.record["epoch"]
+    timings: list[dict[str, Any]] = [each for each in run.rows(runs.TIMINGS) if int(each["epoch"]) <= done]
+    while done < epochs:
+        state = executor.submit(advance, settings, state, min(every - done % every, epochs - done)).result()
+        done, timings = state.record["epoch"], timings + state.timings
+        checkpoints.write(folder, done, load(state.tensors), state.record, settings.identity())
+        run.rewrite(runs.TIMINGS, runs.TIMING_COLUMNS, timings)
