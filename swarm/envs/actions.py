@@ -50,7 +50,9 @@ def checked_one(world: World, name: str, action: Any) -> float:
     try:
         if world.is_continuous:
             given = np.asarray(action)
-            number = given.item() if given.dtype.kind in "iuf" and given.size == 1 else operator.index("")
+            if given.dtype.kind not in "iuf" or given.size != 1:
+                raise TypeError
+            number = given.item()
         else:
             number = operator.index(action)
     except TypeError:

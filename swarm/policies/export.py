@@ -188,7 +188,7 @@ def _onnx(network: Network, name: str) -> bytes:
         if i < last:
             nodes.append(helper.make_node("Tanh", [after], [f"layer_{i}"]))
         before = f"layer_{i}"
-    kind, shape = TensorProto.INT64, ["cells"]
+    kind, shape = TensorProto.INT64, list[Any](["cells"])
     if network.curvature_range is None:
         nodes.append(helper.make_node("ArgMax", ["values"], ["action"], axis=1, keepdims=0))
     else:

@@ -29,8 +29,9 @@ class JaxMARLSwarm(MultiAgentEnv):
         self.agents = [f"swimmer_{i}" for i in range(self.num_agents)]
         box = self.env.single_observation_space
         seen = spaces.Box(box.low, box.high, box.shape)
-        space, range_ = self.env.single_action_space, self.env.world.action_range
-        chosen = spaces.Box(*range_, (1,)) if range_ else spaces.Discrete(int(space.n))
+        world = self.env.world
+        ends = world.action_range
+        chosen = spaces.Discrete(world.n_actions) if ends is None else spaces.Box(*ends, (1,))
         self.observation_spaces = dict.fromkeys(self.agents, seen)
         self.action_spaces = dict.fromkeys(self.agents, chosen)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from swarm._support.arrays import as_array, look_up, namespace
 from swarm._support.checks import check_pair
+from swarm.physics.crowd.spread import Spread
 
 Array = Any
 
@@ -39,6 +40,11 @@ class Actions:
     varying_speed: bool
     action: str
     curvature_range: tuple[float, float] | None
+    n_records: int
+    curvature_noise: float
+    curvature_diffusion: float
+    spread: Spread | None
+    intervals: Any
 
     def _check_actions(self) -> None:
         """Raises ValueError where the parameters of actions do not go together."""
