@@ -21,7 +21,8 @@ class _Inwards(MetaPathFinder, Loader):
     """Finds `chemoswarm.envs` in `swarm.envs`: the same module, not a second one."""
 
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        return ModuleSpec(name, self) if name.startswith(f"{__name__}.") else None
+        inwards = name.startswith(f"{__name__}.") and name != f"{__name__}.__main__"
+        return ModuleSpec(name, self) if inwards else None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         module = import_module(f"swarm{spec.name.removeprefix(__name__)}")

@@ -28,6 +28,13 @@ def check_installed(needs: str, *packages: str, extra: str) -> None:
             raise ModuleNotFoundError(f"{needs} {name}: pip install 'chemoswarm[{extra}]'", name=name)
 
 
+def check_options(options: Any) -> dict[str, Any]:
+    """What a reset is given, empty for None; raises TypeError where it is no dictionary."""
+    if not isinstance(options, dict | None):
+        raise TypeError(f"options must be a dictionary or None, got {options!r}")
+    return options or {}
+
+
 def check_number(
     name: str, value: Any, *, above: float | None = None, at_least: float | None = None
 ) -> float:

@@ -153,9 +153,11 @@ class Clock:
 
     @property
     def left(self) -> str:
-        """The time that is left; nothing is said where nothing can be told yet."""
+        """The time that is left; nothing is said where nothing can be told yet, and in the end."""
         new = self.done - self.first
-        if self.total is None or new <= 0 or new < SOON * (self.total - self.first):
+        if self.total is None or self.done >= self.total or new <= 0:
+            return ""
+        if new < SOON * (self.total - self.first):
             return ""
         each = (self.changed - self.began) / new
         return f"about {duration(each * max(self.total - self.done, 0.0))} left"
@@ -178,10 +180,7 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     console = Console()
     columns = [[heading, *(row[place] for row in rows)] for place, heading in enumerate(headings)]
     least = [_narrowest(column) for column in columns]
-    least = [
-        min(each, console.width // 3 if place == 0 else console.width // 2)
-        for place, each in enumerate(least)
-    ]
+    least = [min(each, (console.width - 1) // 2) for each in least]
     for number, places in enumerate(_parts(least, console.width)):
         gap = 2 if sum(least[each] + 2 for each in places) - 2 <= console.width else 1
         shown = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False)

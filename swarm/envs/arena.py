@@ -14,7 +14,7 @@ from gymnasium.logger import warn
 
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
-from swarm._support.checks import check_count, check_installed, check_name
+from swarm._support.checks import check_count, check_installed, check_name, check_options
 from swarm.physics.crowd.medium import MediumState
 from swarm.physics.starts import Draws, SpreadStarts, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
@@ -107,7 +107,7 @@ class Arena:
         `options["position"]` (cells, 2) [length], `options["heading"]` (cells,) [rad].
         """
         seeds, episode = self._next(seed)
-        state, action = self._begin(seeds, episode, options or {})
+        state, action = self._begin(seeds, episode, check_options(options))
         observation = self.world.observation(state)
         gain = np.zeros(self.n_swimmers, self.dtype)
         self._check_finite(state, observation, gain)
@@ -187,9 +187,8 @@ class Arena:
         position = self._option(options, "position", starts.position)
         heading = self._option(options, "heading", starts.heading)
         factors = starts.factors.astype(self.dtype) if isinstance(starts, SpreadStarts) else None
-        noise = None
-        if self.world.concentration_noise > 0:
-            noise = np.concatenate(self._drawn(draw_record_noise, seeds, episode)).astype(self.dtype)
+        records = self._drawn(draw_record_noise, seeds, episode) if self.world.concentration_noise > 0 else ()
+        noise = None if not records else np.concatenate(records).astype(self.dtype)
         state = self.world.start(position, heading, starts.past, factors, noise, medium)
         return state, self.world.action_of(starts.past[:, 0], position)
 
@@ -217,8 +216,7 @@ class Arena:
 
     def table(self) -> np.ndarray:
         """x, y [length], heading in [−π, π] [rad] and curvature [1 / length] of every cell (cells, 4)."""
-        by_number = np.asarray(self.world.curvatures, self.dtype)
-        curvature = self.action if self.world.is_continuous else by_number[self.action]
+        curvature = self.world.curvature_of(self.action, self.state.position)
         return np.column_stack([self.state.position, self.world.heading_angle(self.state), curvature])
 
     def _draw(self) -> np.ndarray | None:

@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from swarm._support.checks import check_installed
+
+check_installed("the BenchMARL task needs", "torch", "benchmarl", extra="benchmarl")
+
 from benchmarl.environments.common import TaskClass
 from torchrl.data import Composite
 from torchrl.envs import EnvBase, FlattenObservation, Transform

@@ -10,7 +10,7 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from swarm._support.checks import check_name
+from swarm._support.checks import check_name, check_options
 from swarm.envs.actions import action_space, checked
 from swarm.envs.arena import (
     RENDER_FPS,
@@ -191,7 +191,8 @@ class SpermSwarmVector(Watched, VectorEnv):
         }
 
     def _reset_mask(self, seed: Seed, options: dict[str, Any] | None) -> np.ndarray | None:
-        if options is None or options.get("reset_mask") is None:
+        options = check_options(options)
+        if options.get("reset_mask") is None:
             return None
         cells = options["reset_mask"]
         if not isinstance(cells, np.ndarray) or cells.dtype != bool or cells.shape != (self.num_envs,):

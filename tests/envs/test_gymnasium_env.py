@@ -279,6 +279,7 @@ def test_bad_actions_are_told_and_change_nothing(wrong, error, message):
         ({"reset_mask": np.ones(2, bool)}, ValueError, r"must be a bool array of shape \(3,\)"),
         ({"reset_mask": np.zeros(3, bool)}, ValueError, "must choose at least one cell"),
         ({"position": np.zeros((3, 3))}, ValueError, r"shape \(3, 2\)"),
+        (3, TypeError, "options must be a dictionary or None, got 3"),
     ],
 )
 def test_bad_options_are_told_and_change_nothing(options, error, message):

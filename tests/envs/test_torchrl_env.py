@@ -433,6 +433,12 @@ def test_bad_arguments_are_named():
         SwarmEnv(1, max_cycles=0)
     with pytest.raises(ValueError, match=r"n_worlds must be a multiple .*, got 3 worlds and 2 seeds"):
         SwarmEnv(3, seeds=[1, 2])
+    with pytest.raises(TypeError, match="seeds must be whole numbers in a list, got 3"):
+        SwarmEnv(1, seeds=3)
+    with pytest.raises(
+        ValueError, match="device must be one that torch has here, got 'gpu': Expected one of"
+    ):
+        SwarmEnv(1, device="gpu")
     with pytest.raises(ValueError, match="seed must not be negative"):
         SwarmEnv(1, seed=-1)
     with pytest.raises(RuntimeError, match="must come before advance"):

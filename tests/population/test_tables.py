@@ -65,6 +65,7 @@ def test_a_printed_table_cuts_nothing_however_narrow(capsys, monkeypatch, width)
         assert any(number in line for line in lines)
     letters = "".join("".join(lines).split())
     assert all(letters.count(letter) >= "".join(LONG.split()).count(letter) for letter in set(LONG) - {" "})
+    assert width < 40 or any(line.startswith("zoo:linear_n4") for line in lines)
     assert "…" in ROWS[0][2]
     assert sum(line.count("…") for line in lines) == 1  # that of the interval
 

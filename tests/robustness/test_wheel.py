@@ -128,6 +128,8 @@ for ask in (
     lambda: __import__("swarm.figures"),
     lambda: __import__("swarm.torchrl_env"),
     lambda: __import__("trainers.algorithms"),
+    lambda: __import__("swarm.envs.jax"),
+    lambda: __import__("swarm.envs.benchmarl"),
 ):
     try: ask(); print("?")
     except ModuleNotFoundError as error: print(f": {error}")
@@ -142,7 +144,7 @@ def test_a_plain_install_lives_and_names_the_extra_for_the_rest(plain):
     assert lacks == ["Optimal", "contest", "limit", "population_test"]
     pattern = r".+ needs? \w+: pip install 'chemoswarm\[(\w+)\]'"
     extras = [re.fullmatch(pattern, line)[1] for _, line in told]
-    assert extras == ["results"] * 7 + ["torchrl", "train"]
+    assert extras == ["results"] * 7 + ["torchrl", "train", "jax", "benchmarl"]
 
 
 @pytest.mark.parametrize(

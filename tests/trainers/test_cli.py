@@ -168,6 +168,7 @@ def test_help_names_what_can_be_chosen(words):
         ("flows", "shear", "height=10"),
         ("sensors", "memory_with_neighbours", "k=3"),
         ("rewards", "arrival", "winner of the race"),
+        ("algorithms", "dqn", "hidden=[24, 24, 24]"),
         ("interactions", "contact", "stiffness=100"),
     ],
 )

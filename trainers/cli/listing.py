@@ -107,7 +107,7 @@ def _classes(known: Registry) -> Table:
         except ValueError as error:  # of somebody's package
             rows.append([name, str(error), ""])
             continue
-        words = [f"{key}={_default(each)}" for key, each in parameters.items()]
+        words = [f"{key}={_default(known[name], each)}" for key, each in parameters.items()]
         rows.append([name, about, ", ".join(words)])
     return Table([known.thing, "what it is", "parameters and defaults"], rows)
 
@@ -117,12 +117,12 @@ def summary(kind: type) -> str:
     return " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
 
 
-def _default(parameter: inspect.Parameter) -> str:
-    default = parameter.default
-    if default is parameter.empty:
+def _default(kind: type, parameter: inspect.Parameter) -> str:
+    if parameter.default is parameter.empty:
         return "…"  # must be given
-    factory = getattr(default, "default_factory", None)  # of a dataclass
-    return _plain(factory() if callable(factory) else default)
+    field = getattr(kind, "__dataclass_fields__", {}).get(parameter.name)
+    factory = getattr(field, "default_factory", None)
+    return _plain(factory() if callable(factory) else parameter.default)
 
 
 def _zoo() -> Table:

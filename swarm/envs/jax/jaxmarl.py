@@ -5,6 +5,10 @@ from __future__ import annotations
 import functools
 from typing import Any
 
+from swarm._support.checks import check_installed
+
+check_installed("the JaxMARL environment needs", "jax", "jaxmarl", extra="jaxmarl")
+
 import jax
 import jax.numpy as jnp
 from jaxmarl.environments import spaces

@@ -5,6 +5,10 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from swarm._support.checks import check_installed
+
+check_installed("the Jumanji environment needs", "jax", "jumanji", extra="jumanji")
+
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,7 +57,7 @@ class Worlds:
         self.population = population
         wrap = compiled if compile_step else functools.partial
         self._decide: Callable[..., Any] = wrap(_decision, self.world)
-        self._place = torch.device("cpu") if device is None else torch.device(device)
+        self._place = _placed(device)
         few = self.n_worlds * self.n_swimmers <= NUMPY_CELLS
         self._in_numpy = few and self._place.type == "cpu" and not compile_step
         self._state: State | None = None  # in the library that computes it
@@ -92,6 +92,8 @@ class Worlds:
         """Share the worlds out among `seeds`, block after block, and begin with episode 0 at the next
         restart.
         """
+        if not isinstance(seeds, Iterable) or isinstance(seeds, str):
+            raise TypeError(f"seeds must be whole numbers in a list, got {seeds!r}")
         self.seeds = [streams.check_seed(seed) for seed in seeds]
         if not self.seeds or self.n_worlds % len(self.seeds):
             raise ValueError(
@@ -223,6 +225,17 @@ class Worlds:
         if not self._in_numpy:
             return array
         return torch.from_numpy(array if array.flags.writeable else array.copy())
+
+
+def _placed(device: Any) -> torch.device:
+    """The device, on which torch can hold something here."""
+    try:
+        place = torch.device("cpu" if device is None else device)
+        torch.empty(0, device=place)
+    except (RuntimeError, AssertionError, TypeError, NotImplementedError) as error:
+        reason = str(error).split("\n")[0]
+        raise ValueError(f"device must be one that torch has here, got {device!r}: {reason}") from None
+    return place
 
 
 def _decision(world: World, state: State, action: Array, noise: Array | None) -> tuple[State, Outcome]:

@@ -148,6 +148,10 @@ class Actions:
             return number
         return look_up(as_array(np.asarray(self.curvatures), like), number)
 
+    def curvature_of(self, action: Array, like: Array) -> Array:
+        """Curvature (..., cells) of an action, of the kind of `like` [1 / length]."""
+        return action if self.is_continuous else look_up(as_array(np.asarray(self.curvatures), like), action)
+
     def ends(self, like: Array) -> tuple[Array, Array]:
         """The actions (..., cells) that take κ₁ and κ_m."""
         full = namespace(like).full_like
