@@ -30,6 +30,7 @@ CASES: dict[str, dict[str, Any]] = {
 }
 AT_MOST = {"still water": 5.0, "Taylor–Green, flow sensed": 20.0}  # sine and cosine passes
 ENV_AT_MOST = 1.5  # steps of the world
+REFERENCES = ("sin+cos µs", "compiled sin+cos µs", "copy µs")
 FLAT = 1.5  # cost per cell, from ten thousand cells to a million
 LIFE = 1e6  # nobody's ends
 
@@ -141,7 +142,7 @@ def measure(case: str, worlds: int, number: int, seconds: float) -> list[dict[st
                 "how": mode,
                 "call": way,
                 "µs": times[name] * 1e6,
-                "million agent steps/s": cells / times[name] / 1e6,
+                "10⁶ steps/s": cells / times[name] / 1e6,
                 "of world.step": times[name] / times[f"{mode} world.step"],
                 "of sin+cos": times[name] / times["pass"],
                 "of compiled sin+cos": times[name] / times["compiled pass"],
@@ -254,9 +255,12 @@ def run(quick: bool = False) -> dict[str, list[dict[str, Any]]]:
         for case, worlds, number in itertools.product(CASES, sizes, (1, 2))
         for row in measure(case, worlds, number, seconds)
     ]
+    by_size = {(row["case"], row["worlds"], row["threads"]): row for row in rows}
+    names = ("case", "worlds", "threads", *REFERENCES)
     return {
         "Targets": targets(rows),
-        "All ways to step": rows,
+        "All ways to step": [{key: row[key] for key in row if key not in REFERENCES} for row in rows],
+        "References": [{name: row[name] for name in names} for row in by_size.values()],
         "Population size": growth([10_000, 100_000] if quick else [10_000, 100_000, 1_000_000], seconds),
         "Allocation": allocation(1000 if quick else 100_000),
     }

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-WORLDS, CELLS, DECISIONS = 1024, 40, 64
+WORLDS, CELLS, DECISIONS = 1024, 40, 16
 CASES = {"still water": {}, "Taylor–Green, flow sensed": {"flow": "taylor_green", "sense_flow": True}}
 
 

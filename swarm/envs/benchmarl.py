@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import Any
 
 from swarm._support.checks import check_installed
@@ -40,7 +41,7 @@ class SwarmTask(TaskClass):
         return not self.supports_continuous_actions()
 
     def has_render(self, env: EnvBase) -> bool:
-        return True
+        return find_spec("matplotlib") is not None
 
     def max_steps(self, env: EnvBase) -> int:
         return env.max_steps

@@ -10,7 +10,7 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from swarm._support.checks import check_name, check_options
+from swarm._support.checks import check_count, check_name, check_options
 from swarm.envs.actions import action_space, checked
 from swarm.envs.arena import (
     RENDER_FPS,
@@ -231,4 +231,8 @@ def vector_env(
     num_envs: int = 40, *, max_episode_steps: int | None = None, **kwargs: Any
 ) -> SpermSwarmVector:
     """`SpermSwarmVector` under the names for its size and `max_cycles` that `gymnasium.make_vec` uses."""
-    return SpermSwarmVector(num_envs, **({"max_cycles": max_episode_steps} | kwargs))
+    if "n_swimmers" in kwargs:
+        raise TypeError(
+            f"num_envs is the number of cells: leave out n_swimmers, got {kwargs['n_swimmers']!r}"
+        )
+    return SpermSwarmVector(check_count("num_envs", num_envs), **({"max_cycles": max_episode_steps} | kwargs))

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
+from swarm._support.streams import check_seed
 from swarm.envs.actions import action_space, checked_one, rule_of
 from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, Watched, make_world, with_parameters
 from swarm.physics.world import World
@@ -51,7 +52,7 @@ class SpermSwimmer(Watched, gymnasium.Env):
         `options["position"]` (1, 2) [length] and `options["heading"]` (1,) [rad] set the pose; other options
         are ignored.
         """
-        observation = self.arena.reset(seed, options)
+        observation = self.arena.reset(None if seed is None else check_seed(seed), options)
         super().reset(seed=None if seed is None else self.arena.seeds[0])
         self._done = False
         self._follow()

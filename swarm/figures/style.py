@@ -62,6 +62,7 @@ LOOKS = {
     "swinging": Look("swinging", "#009E73", (0, (1, 1)), "^"),
     "random": Look("random", "#777777", (0, (1, 2)), "d"),
     "optimal": Look("optimal", "#222222", (0, (6, 1.5, 1, 1.5)), "D"),
+    "limit": Look(LIMIT, "#222222", "-", "_"),
     "aware": Look("aware DQN", "#0072B2", "-", "o"),
     "blind": Look("blind DQN", "#CC79A7", (0, (5, 1, 1, 1)), "v"),
     "still": Look("still-water DQN", "#56B4E9", (0, (3, 1, 1, 1, 1, 1)), "P"),

@@ -127,6 +127,21 @@ def test_new_lives_are_drawn_only_where_one_begins():
     assert "threefry" not in outside
 
 
+def test_a_cell_swims_once_for_each_number_of_its_pose_whatever_is_read_off_it():
+    env, keys = JaxSwarmEnv(2, flow="taylor_green", sense_flow=True), jax.random.split(jax.random.key(0), 3)
+    given = jax.eval_shape(jax.vmap(env.reset), keys)[1], jnp.zeros((3, 2), int)
+
+    def sines(function, *given):
+        return jax.jit(jax.vmap(function)).lower(*given).compile().as_text().count(" sine(")
+
+    numbers, swum = (
+        4,
+        sines(lambda state, action: env.world.way(state.cells, action, None).pose[0][:, 0], *given),
+    )
+    sensed = 2 * 3  # by u_x, u_y and ω₀ of a record
+    assert 0 < sines(env.step_env, keys, *given) <= numbers * swum + sensed
+
+
 def test_max_cycles_truncates():
     env = JaxSwarmEnv(2, max_cycles=3)
     assert env.max_steps == 3
@@ -159,7 +174,7 @@ class Foreign:
         ({"field": Foreign()}, TypeError, r"world must compute with JAX's arrays alone, got field=.*Tracer"),
         ({"n_swimmers": 0}, ValueError, "n_swimmers must be"),
         ({"max_cycles": 0}, ValueError, "max_cycles must be"),
-        ({"n_record": 3}, ValueError, "did you mean 'n_records'"),
+        ({"n_record": 3}, TypeError, "did you mean 'n_records'"),
         (
             {"field": "radial", "start_box": ((-0.1, 0.1), (-0.1, 0.1))},
             ValueError,

@@ -49,7 +49,8 @@ def library(request, monkeypatch):
 
 
 def environment(n_worlds=2, n_swimmers=3, life=6.0, seed=0, **parameters):
-    return SwarmEnv(n_worlds, n_swimmers=n_swimmers, life=life, seed=seed, **parameters)
+    own = {} if "seeds" in parameters else {"seed": seed}
+    return SwarmEnv(n_worlds, n_swimmers=n_swimmers, life=life, **own, **parameters)
 
 
 def with_action(env, data, action):
@@ -425,6 +426,8 @@ def test_given_poses_are_started_from():
 
 
 def test_bad_arguments_are_named():
+    with pytest.raises(ValueError, match=r"seed must be left out .* got 3 beside \[1, 2\]"):
+        SwarmEnv(2, seed=3, seeds=[1, 2])
     with pytest.raises(TypeError, match="did you mean 'n_records'"):
         SwarmEnv(1, n_record=4)
     with pytest.raises(ValueError, match="n_worlds must be a whole number of at least 1, got 0"):

@@ -157,7 +157,7 @@ SMALL = dataclasses.replace(MINIATURE, experiments=("linear_n2",), recipes=("pap
 
 def test_a_finished_reproduction_trains_nothing_and_says_the_same(done, tmp_path, monkeypatch, sparing):
     shutil.copytree(done.out / "runs/paper/linear_n2", tmp_path / "runs/paper/linear_n2")
-    monkeypatch.setattr(stacks, "train_one", lambda *arguments: pytest.fail("trained again"))
+    monkeypatch.setattr(stacks, "do", lambda *arguments: pytest.fail("trained again"))
     reproduce(SMALL, tmp_path)
     before = {claim.id: claim for claim in done.claims if claim.recipe == "paper"}
     after = json.loads((tmp_path / "claims.json").read_text())

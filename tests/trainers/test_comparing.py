@@ -129,7 +129,8 @@ def test_one_training_counts_once_by_value(runs, seeds):
 def test_a_run_that_is_named_twice_is_tested_once(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     tested = []
-    monkeypatch.setattr(comparison, "_tested", lambda folder, *_: tested.append(folder) or [contender()])
+    monkeypatch.setattr(comparison, "_test_of", lambda folder, *_: tested.append(folder) or ())
+    monkeypatch.setattr(comparison, "tested", lambda: [contender()])
     for name in ("a", "b"):
         folder = Path(name)
         folder.mkdir()

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-ORDER = ("train", "evaluate", "compare", "watch", "list", "reproduce", "check", "export")
+ORDER = ("train", "evaluate", "compare", "study", "watch", "list", "reproduce", "check", "export")
 
 
 @contextmanager

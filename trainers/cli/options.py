@@ -41,6 +41,9 @@ Record = typer.Option(
     help="Live block by block, and keep of each cell in --out: its end (ends), thinned or all of its course."
 )
 Launcher = typer.Option(help="Where work runs: here, in processes, or on a cluster by ray; default: here.")
+Launchers = typer.Option(
+    help="Where work runs: here, in processes, or on a cluster by ray; default: processes."
+)
 Jobs = typer.Option(help="How many processes at once; default: 2, of ray as many as there are cores.")
 Address = typer.Option(
     help="A Ray cluster, HOST:PORT, ray://HOST:PORT or auto; default: one on this machine."

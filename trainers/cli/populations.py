@@ -79,6 +79,9 @@ def compare(
     worlds: Annotated[int | None, Worlds] = None,
     life: Life = None,
     seed: Seed = 0,
+    launcher: Annotated[str | None, Launcher] = None,
+    jobs: Annotated[int | None, Jobs] = None,
+    address: Annotated[str | None, Address] = None,
     out: NewFolder = None,
     form: Annotated[str | None, Formats] = None,
 ) -> None:
@@ -91,7 +94,8 @@ def compare(
     if out is None and form is not None and printed is None:
         raise ValueError(f"--format must be md or tex without --out, got {form!r}")
     sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
-    groups = comparison.compare(folders, **sizes, out=out, formats=formats)
+    where = launcher, jobs, address
+    groups = comparison.compare(folders, **sizes, out=out, formats=formats, where=where)
     table = comparison.table(groups)
     if printed is not None:
         print(comparison.written(groups, printed), end="")

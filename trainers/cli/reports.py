@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from trainers.cli.app import app
+from trainers.cli.options import Address, Launchers
 
 
 @app.command()
@@ -20,6 +21,8 @@ def reproduce(
     crowd: Annotated[bool, typer.Option("--crowd", help="The experiments on crowds instead.")] = False,
     seeds: Annotated[int | None, typer.Option(help="Training seeds; default: 20, of crowds 5.")] = None,
     jobs: Annotated[int | None, typer.Option(help="Processes at once; default: 2, or 1 on one core.")] = None,
+    launcher: Annotated[str | None, Launchers] = None,
+    address: Annotated[str | None, Address] = None,
     publish: Annotated[Path | None, typer.Option(help="Folder for a copy without the runs.")] = None,
     ship: Annotated[bool, typer.Option("--ship", help="Replace the shipped policies by the best.")] = False,
 ) -> None:
@@ -34,13 +37,16 @@ def reproduce(
 
     changes: dict[str, Any] = {"quick": quick}
     changes |= {} if seeds is None else {"n_seeds": check_count("--seeds", seeds)}
-    changes |= {} if jobs is None else {"workers": check_count("--jobs", jobs)}
+    changes |= {"launcher": launcher, "address": address}
+    if jobs is not None or launcher is not None:
+        changes["workers"] = None if jobs is None else check_count("--jobs", jobs)
     places = files.expanded(out), publish and files.expanded(publish)
-    with redirect_stdout(Told(sys.stdout)):  # what is told on the way
-        if crowd:
-            judged = crowds.reproduce(CrowdPlan(**changes), *places, ship=ship)
+    plan = CrowdPlan(**changes) if crowd else Plan(**changes)
+    with plan.executor(), redirect_stdout(Told(sys.stdout)):  # a cluster stays, and what is told on the way
+        if isinstance(plan, CrowdPlan):
+            judged = crowds.reproduce(plan, *places, ship=ship)
         else:
-            judged = paper.reproduce(Plan(**changes), *places, ship=ship)
+            judged = paper.reproduce(plan, *places, ship=ship)
     verdicts = Counter(claim.verdict for claim in judged)
     print(f"{len(judged)} claims: " + ", ".join(f"{count} {name}" for name, count in verdicts.most_common()))
     print(f"the report is {out / 'report.md'}")

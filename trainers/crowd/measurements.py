@@ -131,17 +131,25 @@ _MEASURED = {UPTAKE: _eating, FINE: _eating, RACE: _racing, SHEAR: _searching, F
 # --- what was measured before ------------------------------------------------------------------------------
 
 
-def kept(point: Point, folder: Path) -> dict[str, Sample]:
-    """What `folder` holds of this very point and these policies, else what is measured now, and kept."""
-    path = folder / f"{point.name}.{_digest(point)}.safetensors"
-    if path.exists():
-        return _unpacked(tensors.read(path, lambda card, shapes: None, at_most=2**28)[0])
-    found = measure(point)
+def _place(point: Point, folder: Path) -> Path:
+    return folder / f"{point.name}.{_digest(point)}.safetensors"
+
+
+def kept(point: Point, folder: Path) -> dict[str, Sample] | None:
+    """What `folder` holds of this very point and these policies; None where it was not measured."""
+    path = _place(point, folder)
+    if not path.exists():
+        return None
+    return _unpacked(tensors.read(path, lambda card, shapes: None, at_most=2**28)[0])
+
+
+def keep_at(point: Point, folder: Path, found: dict[str, Sample]) -> dict[str, Sample]:
+    """Keep in `folder` what was measured."""
     packed: dict[str, Any] = {f"{kind}/seeds": np.array(each.seeds, int) for kind, each in found.items()}
     for kind, each in found.items():
         packed |= {f"{kind}/{name}": values for name, values in each.numbers.items()}
     folder.mkdir(parents=True, exist_ok=True)
-    tensors.write(path, packed, {"point": point.name})
+    tensors.write(_place(point, folder), packed, {"point": point.name})
     return found
 
 

@@ -7,6 +7,7 @@ whole.
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from swarm._support.tables import Table
 from swarm.optimal.physical_limit import limit
 from swarm.physics.starts import draw_starts
 from trainers.crowd import illustrations, report
-from trainers.crowd.measurements import MEASURES, CrowdEvidence, kept, with_best
+from trainers.crowd.measurements import MEASURES, CrowdEvidence, keep_at, kept, measure, with_best
 from trainers.crowd.plan import CROWD, FILM, FINE, RACE, SHEAR, SHIPPED, UPTAKE, CrowdPlan, Point, points
 from trainers.crowd.report import VERDICTS, CrowdFindings
 from trainers.jobs.executors import Task
@@ -43,7 +44,7 @@ def reproduce(plan: CrowdPlan, out: Path, publish: Path | None = None, *, ship: 
     check_shipping(ship, plan.quick)
     planned = [] if plan.quick else trainings(plan, out)
     trained = stacks.shipped(plan) if plan.quick else {}
-    do(plan.workers, stacks.tasks(planned), "trainings")
+    stacks.train(plan, planned)
     trained = trained or stacks.trained(planned)
     named = {experiment: each for (_, experiment), each in trained.items()}
     found = find(plan, {name: each.stack for name, each in named.items()}, out / MEASURED)
@@ -66,8 +67,12 @@ def reproduce(plan: CrowdPlan, out: Path, publish: Path | None = None, *, ship: 
 def find(plan: CrowdPlan, trained: dict[str, Stack], folder: Path) -> CrowdFindings:
     """Measure every point, and judge."""
     planned = points(plan, trained)
-    done = do(plan.workers, [Task(each.name, kept, (each, folder), work(each)) for each in planned], "points")
-    by_name = dict(zip([each.name for each in planned], done, strict=True))
+    by_name = {each.name: found for each in planned if (found := kept(each, folder)) is not None}
+    left = [each for each in planned if each.name not in by_name]
+    tasks = [
+        Task(each.name, measure, (each,), work(each), keep=partial(keep_at, each, folder)) for each in left
+    ]
+    by_name |= zip([each.name for each in left], do(plan.executor(), tasks, "points"), strict=True)
     evidence = CrowdEvidence(with_best(by_name, plan.shear_rates))
     asked = statements("trainers.crowd", MEASURES)
     claims = [
@@ -117,10 +122,8 @@ def where_from(plan: CrowdPlan, planned: Sequence[Training]) -> dict[str, Any]:
         | {name: RunFolder(each.folder).record.get(name) for name in ("versions", "commit")}
         for each in planned
     }
-    plain = dataclasses.asdict(plan)
-    plain.pop("workers")  # no number depends on it
     origin = {"versions": provenance.versions(), "commit": provenance.commit()}
-    return {"plan": plain, **origin, "trainings": trained}
+    return {"plan": plan.recorded(), **origin, "trainings": trained}
 
 
 def keep(folder: Path, found: CrowdFindings, training: Training, stack: Stack) -> None:

@@ -1,10 +1,9 @@
 """Runs side by side: the same test for every policy, grouped by what differs besides the seed."""
 
-import functools
 import itertools
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,12 +12,15 @@ import numpy as np
 from swarm._support import files, provenance
 from swarm._support.checks import check_name
 from swarm._support.tables import Table, percent, span
-from swarm._support.terminal import Progress, dispensable
-from swarm.policies.network import load_policy
+from swarm._support.terminal import dispensable
+from swarm.physics.world import World
+from swarm.policies.network import Network, load_policy
 from swarm.population.contest import population_test
 from swarm.population.evaluation import TO_THE_EGG
 from swarm.population.results import RIVAL
 from swarm.population.statistics import fraction_of_limit, independent, mean_interval, times_to_egg
+from trainers.jobs.cluster import launched
+from trainers.jobs.executors import Task, run_tasks
 from trainers.settings.composition import by_value, settings_from_stored
 from trainers.settings.schema import CELLS, Settings
 from trainers.training import run_folder as runs
@@ -101,12 +103,13 @@ def compare(
     seed: int = 0,
     out: Path | None = None,
     formats: Sequence[str] = ("png",),
+    where: tuple[str | None, int | None, str | None] = (None, None, None),
 ) -> list[Group]:
     """Test the policies of finished runs on the same cells, so many in each of `worlds` worlds; writes
     comparison.csv, comparison.json, and the table and the figure in the `formats`: md, tex; png, pdf, svg.
 
     By default 40 cells of one world, where cells are coupled as many as the runs' own tests have, and the
-    life of the runs.
+    life of the runs. Tests are computed as `launched(*where)` says.
 
     Folders that hold no run are passed over where others do. Raises RunError where none does or a run is not
     finished.
@@ -122,19 +125,20 @@ def compare(
     for folder in found:
         if not RunFolder(folder).finished:
             raise RunError(f"{folder} must be finished; to go on with it: swarm train resume={folder}")
-    contenders: list[Contender] = []
-    with Progress("tests", len(found)) as bar:
-        for done, folder in enumerate(found):
-            report = functools.partial(_show, bar, done, len(found))
-            contenders += _tested(folder, cells, worlds, life, seed, report)
-    groups = grouped(contenders)
+    with launched(*where) as executor:
+        tests = [_test_of(folder, cells, worlds, life, seed) for folder in found]
+        outcomes = run_tasks(
+            [Task(folder.name, tested, each) for folder, each in zip(found, tests, strict=True)],
+            executor,
+            title="tests",
+        )
+    for outcome in outcomes:
+        if isinstance(outcome, BaseException):
+            raise outcome
+    groups = grouped([each for contenders in outcomes for each in contenders])
     if out is not None:
         _write(out, groups, {"runs": [str(path) for path in found], "seed": seed}, formats)
     return groups
-
-
-def _show(bar: Progress, done: int, of: int, part: float) -> None:
-    bar.show(done + part, text=f"{done + 1}/{of}")
 
 
 def _write(out: Path, groups: Sequence[Group], about: dict[str, Any], formats: Sequence[str]) -> None:
@@ -169,10 +173,20 @@ def grouped(contenders: Sequence[Contender]) -> list[Group]:
         keys += [key] if any(_differs(key, list(each)) for _, each in alike) else []
     groups: dict[str, dict[int, Contender]] = {}
     for contender, each in zip(contenders, described, strict=True):
-        parts = [each[key] if key in NAMES else f"{key}={each[key]}" for key in keys if key in each]
+        parts = [each[key] if key in NAMES else f"{key}={_short(each[key])}" for key in keys if key in each]
         label = " ".join(parts or _names(each))
         groups.setdefault(label, {}).setdefault(contender.seed, contender)
     return [Group(label, list(members.values())) for label, members in groups.items()]
+
+
+def _short(value: Any) -> str:
+    """A setting in few words: parts of a world by type and what they state, checksums by their beginning."""
+    if not isinstance(value, Mapping):
+        return str(value)
+    stated = {key: each for key, each in value.items() if each is not None and key != "type"}
+    told = [f"{key} {str(each)[:8] if key == 'sha256' else _short(each)}" for key, each in stated.items()]
+    kind = [value["type"]] if "type" in value else []
+    return " ".join([*kind, *([f"({', '.join(told)})"] if told else [])])
 
 
 def _names(described: Mapping[str, Any]) -> list[str]:
@@ -225,29 +239,36 @@ def written(groups: Sequence[Group], kind: str) -> str:
     return table(groups).as_markdown() if kind == "md" else table(groups).as_latex()
 
 
-def _tested(
-    folder: Path,
-    cells: int | None,
-    worlds: int | None,
-    life: float | None,
-    seed: int,
-    progress: Callable[[float], None],
-) -> list[Contender]:
+def _test_of(
+    folder: Path, cells: int | None, worlds: int | None, life: float | None, seed: int
+) -> tuple[Settings, World, dict[str, Network], dict[str, Any]]:
+    """What `tested` takes of a finished run."""
     run, stored = RunFolder.open(folder)
     settings = settings_from_stored(stored, run.path)
     policies = {str(each): load_policy(path) for each, path in run.policies(settings)}
-    world = settings.test_world()
-    own = settings.evaluation
+    world, own = settings.test_world(), settings.evaluation
     usual = (own.cells, own.worlds) if world.is_shared else (CELLS, 1)
-    cells, worlds = (usual[0] if cells is None else cells), (usual[1] if worlds is None else worlds)
-    life = world.life if life is None else life
-    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
-    results = population_test(world, policies, **sizes, record=False, progress=progress)
+    sizes: dict[str, Any] = {"cells": usual[0] if cells is None else cells}
+    sizes |= {"worlds": usual[1] if worlds is None else worlds, "seed": seed}
+    return settings, world, policies, sizes | {"life": world.life if life is None else life}
+
+
+def tested(
+    settings: Settings, world: World, policies: Mapping[str, Network], sizes: Mapping[str, Any]
+) -> list[Contender]:
+    """Every seed's policy on the same cells."""
+    results = population_test(world, policies, **sizes, record=False)
     gains, times = (
-        dict(zip(results["policy"].values, each.values.reshape(-1, worlds, cells), strict=True))
+        dict(
+            zip(
+                results["policy"].values,
+                each.values.reshape(-1, sizes["worlds"], sizes["cells"]),
+                strict=True,
+            )
+        )
         for each in (results["gain"], times_to_egg(results))
     )
-    greedy, limit = gains.pop(RIVAL), results.attrs.get("limit")
+    greedy, limit, life = gains.pop(RIVAL), results.attrs.get("limit"), sizes["life"]
     return [
         Contender(settings, int(name), gain, greedy, life, limit, None if world.egg is None else times[name])
         for name, gain in gains.items()

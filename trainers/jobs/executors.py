@@ -1,13 +1,20 @@
 """Where tasks run: here, or in processes of their own; all through the interface of `concurrent.futures`."""
 
-import functools
 import multiprocessing
 import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from typing import Any, NamedTuple
 
 from swarm._support.terminal import Progress
@@ -25,6 +32,9 @@ class Task(NamedTuple):
     arguments: tuple[Any, ...]
     seconds: float = 1.0  # expected; only their ratios matter
     part_done: Callable[[], float] = float  # in [0, 1], while it is worked on
+    keep: Callable[[Any], Any] | None = (
+        None  # what becomes of its outcome, here; the outcome is what it returns
+    )
 
 
 def run_tasks(tasks: Sequence[Task], executor: Executor, *, title: str) -> list[Any]:
@@ -33,34 +43,49 @@ def run_tasks(tasks: Sequence[Task], executor: Executor, *, title: str) -> list[
     Raises KeyboardInterrupt after Ctrl-C, once what runs has saved and ended.
     """
     futures: dict[int, Future] = {}
+    outcomes: dict[int, Any] = {}
 
-    def ended(place: int, future: Future) -> None:
-        if not future.cancelled():
-            ending = f"failed: {future.exception()}" if future.exception() else "done"
-            bar.say(f"{title} {count()}: {tasks[place].label} {ending}")
-            bar.show(seconds_done(), text=count())
-
-    def count() -> str:
-        return f"{sum(future.done() for future in list(futures.values()))}/{len(tasks)}"
+    def take() -> None:
+        for place, future in futures.items():
+            if place not in outcomes and future.done() and not future.cancelled():
+                outcomes[place] = _kept(tasks[place], future)
+                failed = isinstance(outcomes[place], BaseException)
+                ending = f"failed: {outcomes[place]}" if failed else "done"
+                bar.say(f"{title} {len(outcomes)}/{len(tasks)}: {tasks[place].label} {ending}")
+        bar.show(seconds_done(), text=f"{len(outcomes)}/{len(tasks)}")
 
     def seconds_done() -> float:
-        over = {place for place, future in list(futures.items()) if future.done()}
         return sum(
-            task.seconds * (1.0 if place in over else task.part_done()) for place, task in enumerate(tasks)
+            task.seconds * (1.0 if place in outcomes else task.part_done())
+            for place, task in enumerate(tasks)
         )
 
     with Progress(title, sum(task.seconds for task in tasks), seconds_done()) as bar, executor:
         try:
             for place in sorted(range(len(tasks)), key=lambda place: -tasks[place].seconds):
                 futures[place] = executor.submit(tasks[place].do, *tasks[place].arguments)
-                futures[place].add_done_callback(functools.partial(ended, place))
-            while wait(futures.values(), timeout=1.0).not_done:
-                bar.show(seconds_done(), text=count())
+                if futures[place].done():
+                    take()
+            while len(outcomes) < len(tasks):
+                left = [futures[place] for place in futures.keys() - outcomes.keys()]
+                wait(left, timeout=1.0, return_when=FIRST_COMPLETED)
+                take()
         except KeyboardInterrupt:
             executor.shutdown(cancel_futures=True)
+            take()
             how = "stopped; what was done is kept, and the same command goes on from there"
             raise KeyboardInterrupt(how) from None
-    return [futures[place].exception() or futures[place].result() for place in range(len(tasks))]
+    return [outcomes[place] for place in range(len(tasks))]
+
+
+def _kept(task: Task, future: Future) -> Any:
+    """The outcome of a task that has ended, or its error."""
+    if (error := future.exception()) is not None:
+        return error
+    try:
+        return future.result() if task.keep is None else task.keep(future.result())
+    except Exception as error:
+        return error
 
 
 class InProcess(Executor):
@@ -106,7 +131,8 @@ class Processes(Executor):
             return future.result()
         except (BrokenExecutor, KeyboardInterrupt):
             self._own.process = None
-            raise RunError("its process was stopped, perhaps because memory ran out") from None
+            why = "" if self._stopped else ", perhaps because memory ran out"
+            raise RunError(f"its process was stopped{why}") from None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Wait for what runs; with `cancel_futures`, begin nothing more and ask what runs to save and end."""

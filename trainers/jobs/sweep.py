@@ -65,27 +65,34 @@ def sweep(words: Sequence[str]) -> None:
 
 
 def _run(folder: Path, runs: Mapping[str, Settings], executor: Executor) -> None:
-    paths = [folder / name for name in runs]
-    do: Callable[..., None] = train_in
-    first: list[tuple[Any, ...]] = [()] * len(runs)
-    if isinstance(executor, Ray):
-        do, first = train_through, [(executor.needing(needs_of(each)),) for each in runs.values()]
-        executor = ThreadPoolExecutor(len(runs))  # each waits for its run's pieces
-    tasks = [
-        Task(path.name, do, (*begin, path, each), part_done=partial(part_done, path, each.learning.epochs))
-        for begin, path, each in zip(first, paths, runs.values(), strict=True)
-    ]
     quoted = shlex.quote(str(folder))
-    print(f"{len(paths)} runs in {folder}")
+    print(f"{len(runs)} runs in {folder}")
     again = f"the same command with {FOLDER}={quoted} goes on with them"
+    tasks, trainers = trainings({folder / name: each for name, each in runs.items()}, executor)
     try:
-        outcomes = run_tasks(tasks, executor, title="sweep")
+        outcomes = run_tasks(tasks, trainers, title="sweep")
     except KeyboardInterrupt as stopped:
         stopped.add_note(again)
         raise
     if left := sum(isinstance(outcome, BaseException) for outcome in outcomes):
-        raise RunError(f"{left} of {len(paths)} runs did not finish; {again}")
-    print(f"all {len(paths)} runs are in {folder}; swarm compare {quoted}/* shows them side by side")
+        raise RunError(f"{left} of {len(runs)} runs did not finish; {again}")
+    print(f"all {len(runs)} runs are in {folder}; swarm compare {quoted}/* shows them side by side")
+
+
+def trainings(runs: Mapping[Path, Settings], executor: Executor) -> tuple[list[Task], Executor]:
+    """Tasks that train these runs in their folders, and what does them: on a cluster only epochs are
+    computed, this process keeps the folders.
+    """
+    do: Callable[..., None] = train_in
+    first: list[tuple[Any, ...]] = [()] * len(runs)
+    if isinstance(executor, Ray):
+        do, first = train_through, [(executor.needing(needs_of(each)),) for each in runs.values()]
+        executor = ThreadPoolExecutor(max(len(runs), 1))  # each waits for its run's pieces
+    tasks = [
+        Task(path.name, do, (*begin, path, each), part_done=partial(part_done, path, each.learning.epochs))
+        for begin, (path, each) in zip(first, runs.items(), strict=True)
+    ]
+    return tasks, executor
 
 
 def _launcher(own: dict[str, str]) -> tuple[str, int | None, str | None]:

@@ -5,12 +5,13 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarm._support import files
-from trainers.jobs.executors import Task, executor_for, run_tasks
+from trainers.jobs.executors import Task, run_tasks
 from trainers.training.run_folder import RunError
 
 RECORD, REPORT = "reproduction.json", "report.md"
@@ -80,9 +81,9 @@ def staging(out: Path) -> Iterator[Path]:
         yield Path(name)
 
 
-def do(workers: int, tasks: Sequence[Task], what: str) -> list[Any]:
+def do(executor: Executor, tasks: Sequence[Task], what: str) -> list[Any]:
     """Results of all tasks; raises ReproductionError that names those that failed."""
-    results = run_tasks(tasks, executor_for(workers), title=what)
+    results = run_tasks(tasks, executor, title=what)
     failed = [
         f"{task.label}: {result}"
         for task, result in zip(tasks, results, strict=True)

@@ -4,11 +4,14 @@ import dataclasses
 import functools
 import itertools
 import os
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarm.physics.world import World
+from trainers.jobs.cluster import launched
+from trainers.jobs.executors import executor_for
 from trainers.settings.composition import SettingsError, settings_from, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training.run_folder import RunError, RunFolder
@@ -32,7 +35,21 @@ class TrainingPlan:
     n_seeds: int = 20  # training seeds of each experiment: 0, 1, …
     words: tuple[str, ...] = ()  # settings of every training that differ from its recipe's
     experiments: tuple[str, ...] = EXPERIMENTS
-    workers: int = dataclasses.field(default_factory=lambda: min(2, os.cpu_count() or 1))  # processes at once
+    # processes at once; None: as `launched` says
+    workers: int | None = dataclasses.field(default_factory=lambda: min(2, os.cpu_count() or 1))
+    launcher: str | None = None
+    address: str | None = None  # of a Ray cluster
+
+    def executor(self, *, on_disk: bool = False) -> Executor:
+        """What does the tasks; those that write files stay on this machine."""
+        if self.launcher is None or (on_disk and self.launcher == "ray"):
+            return executor_for(1 if self.workers is None else self.workers)
+        return launched(self.launcher, self.workers, self.address)
+
+    def recorded(self) -> dict[str, Any]:
+        """All that numbers depend on, as plain data."""
+        told = dataclasses.asdict(self)
+        return {name: told[name] for name in told if name not in ("workers", "launcher", "address")}
 
     def chosen(self, experiment: str) -> tuple[str, ...]:
         """The words that choose an experiment."""

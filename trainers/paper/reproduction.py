@@ -57,7 +57,7 @@ def reproduce(plan: Plan, out: Path, publish: Path | None = None, *, ship: bool 
     shipped = stacks.shipped(plan) if plan.quick else {}
     if plan.quick and not shipped:
         raise ReproductionError("no policies are shipped with this copy: leave out --quick to train them")
-    do(plan.workers, stacks.tasks(planned), "trainings")
+    stacks.train(plan, planned)
     trained = shipped or stacks.trained(planned)
     tests = cases(plan, trained)
     gains = {key: each.gains for key, each in trained.items() if each.gains is not None}
@@ -103,7 +103,7 @@ def measured(plan: Plan, tests: Sequence[Case]) -> dict[str, Measured]:
         return policies * case.world.max_decisions * (5.0 if case.world.in_flow else 1.0)
 
     tasks = [Task(case.name, measure, (case,), work(case)) for case in tests]
-    return dict(zip([case.name for case in tests], do(plan.workers, tasks, "tests"), strict=True))
+    return dict(zip([case.name for case in tests], do(plan.executor(), tasks, "tests"), strict=True))
 
 
 def circles(plan: Plan, tests: Sequence[Case]) -> dict[str, Circle]:
@@ -121,7 +121,7 @@ def draw(found: Findings, recipes: Sequence[str], folder: Path) -> list[Drawing]
     shown = [case._replace(cells=fewer if case.name == EGG else few) for case in found.tests]
     curves = {key: each.curve for key, each in found.trained.items() if each.curve is not None}
     tasks = [Task(recipe, draw_all, (recipe, curves, shown, folder)) for recipe in recipes]
-    return [each for drawn in do(found.plan.workers, tasks, "figures") for each in drawn]
+    return [each for drawn in do(found.plan.executor(on_disk=True), tasks, "figures") for each in drawn]
 
 
 # --- files --------------------------------------------------------------------------------------------------
@@ -157,10 +157,8 @@ def where_from(found: Findings) -> dict[str, Any]:
         about = {name: stack.choice.card.get(name) for name in ("settings", "versions", "commit")}
         about |= {"shipped": True, "seeds": list(stack.seeds)}
         trained[f"{stack.recipe}/{stack.experiment}"] = [about]
-    plain = dataclasses.asdict(found.plan)
-    plain.pop("workers")  # no number depends on it
     origin = {"versions": provenance.versions(), "commit": provenance.commit()}
-    return {"plan": plain, **origin, "trainings": trained}
+    return {"plan": found.plan.recorded(), **origin, "trainings": trained}
 
 
 def as_dataset(case: Case, outcome: Measured) -> xr.Dataset:

@@ -14,7 +14,7 @@ import numpy as np
 from swarm.policies import network
 from swarm.policies.network import Network, load_policy
 from swarm.policies.policy_file import PolicyError
-from trainers.jobs.executors import Task
+from trainers.paper.delivery import do
 from trainers.paper.measurements import Stack, TrainingGains
 from trainers.paper.plan import Training, TrainingPlan, learnt
 from trainers.settings.composition import SettingsError, settings_from_stored
@@ -48,24 +48,25 @@ class Trained(NamedTuple):
 # --- training -----------------------------------------------------------------------------------------------
 
 
-def tasks(planned: Sequence[Training]) -> list[Task]:
-    """What is still to be trained; a run that is no longer of use is set aside."""
+def train(plan: TrainingPlan, planned: Sequence[Training]) -> None:
+    """Train what is still to be trained; a run that is no longer of use is set aside."""
     found = {each.folder: each for each in reversed(planned)}  # of those that share a run, the first
     wanted = [each for each in found.values() if not is_done(each)]
     if len(wanted) < len(found):
         print(f"{len(found) - len(wanted)} of {len(found)} trainings are finished", flush=True)
-    parts = [partial(runs.part_done, each.folder, each.settings.learning.epochs) for each in wanted]
-    return [
-        Task(each.run, train_one, (each.settings, each.folder), each.decisions, part)
-        for each, part in zip(wanted, parts, strict=True)
-    ]
+    if wanted:
+        from trainers.jobs.sweep import trainings  # it needs torch
+
+        tasks, executor = trainings({each.folder: each.settings for each in wanted}, plan.executor())
+        own = [
+            task._replace(label=each.run, seconds=each.decisions, keep=partial(_tidy, each.folder))
+            for task, each in zip(tasks, wanted, strict=True)
+        ]
+        do(executor, own, "trainings")
 
 
-def train_one(settings: Settings, folder: Path) -> None:
-    """One run, from its newest checkpoint if it was begun; then its checkpoints are no longer needed."""
-    from trainers.training import run as running
-
-    running.train_in(folder, settings)
+def _tidy(folder: Path, _: None) -> None:
+    """The checkpoints of a finished run are no longer needed."""
     shutil.rmtree(folder / runs.CHECKPOINTS, ignore_errors=True)
 
 

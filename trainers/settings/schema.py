@@ -156,10 +156,10 @@ def _world(text: str) -> World:
     return World(**json.loads(text))
 
 
-def unknown(key: str, known: Iterable[str]) -> str:
+def unknown(key: str, known: Iterable[str], what: str = "settings have") -> str:
     """What is said of a key that settings do not have."""
     near = difflib.get_close_matches(key, list(known), n=1, cutoff=0.4)
-    return f"settings have no key {key!r}" + (f"; did you mean {near[0]!r}?" if near else "")
+    return f"{what} no key {key!r}" + (f"; did you mean {near[0]!r}?" if near else "")
 
 
 def _completed(given: dict[str, Any]) -> dict[str, Any]:

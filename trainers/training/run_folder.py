@@ -60,7 +60,7 @@ class RunFolder:
         """An existing run and its stored settings, as plain data; nothing in the folder can run."""
         file = files.expanded(path) / SETTINGS
         try:
-            stored = yaml.load(files.read_bytes(file, at_most=MAX_TEXT).decode(), _PlainLoader)
+            stored = plain_yaml(files.read_bytes(file, at_most=MAX_TEXT).decode())
         except (FileNotFoundError, NotADirectoryError):
             raise RunError(f"resume must name the folder of a run, with its {SETTINGS}, got {path}") from None
         except (yaml.YAMLError, ValueError, RecursionError) as error:
@@ -160,6 +160,17 @@ class _PlainLoader(yaml.SafeLoader):
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError("it must not hold aliases")
         return super().compose_node(parent, index)
+
+
+# 1e-3 is a number, as in words.
+_PlainLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?\d+(?:\.\d*)?[eE][-+]?\d+$"), list("-+0123456789")
+)
+
+
+def plain_yaml(text: str) -> Any:
+    """What YAML says; raises YAMLError for anything but plain data."""
+    return yaml.load(text, _PlainLoader)
 
 
 def is_run_folder(path: Path) -> bool:

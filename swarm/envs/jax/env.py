@@ -12,9 +12,12 @@ import numpy as np
 from gymnasium.spaces import Box
 from jax.custom_batching import custom_vmap
 
+from swarm._support.arrays import join
 from swarm._support.checks import check_count, check_name
 from swarm.envs.actions import action_space
 from swarm.envs.arena import make_world, told, with_parameters
+from swarm.physics.motion.arc import Pose, components
+from swarm.physics.motion.swimmer import Way
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import State, World
 
@@ -142,7 +145,7 @@ class JaxSwarmEnv:
         noise = _each(lambda one: self._noise(jax.random.fold_in(one, 0)), key) if world.has_noise else None
         if world.is_continuous and action.ndim > alive.ndim:
             action = action[..., 0]
-        cells, outcome = world.step(state.cells, action, noise)
+        cells, outcome = world.step(state.cells, action, noise, self._way(state.cells, action, noise))
         decision = state.decision + 1
         terminated, truncated = outcome.terminated & alive, outcome.truncated & alive
         if self.max_cycles is not None:
@@ -154,6 +157,25 @@ class JaxSwarmEnv:
         info = {"gain": gain, "valid": alive, "finished": cells.finished} | told(world, cells)
         after = EnvState(cells, decision, gain)
         return Step(outcome.observation, after, reward, terminated, truncated, info)
+
+    def _way(self, cells: State, action: Array, noise: Array) -> Way:
+        """The way of an action, swum where anybody lives.
+
+        Its numbers leave a branch one by one: else XLA swims anew for each that is later read off them.
+        """
+
+        def swum() -> tuple[Array, ...]:
+            pose, path, _ = self.world.way(cells, action, noise)
+            return *components(pose.position), *components(pose.heading), path
+
+        def stood() -> tuple[Array, ...]:
+            way = jax.eval_shape(swum)[-1]
+            path = None if way is None else jnp.broadcast_to(cells.position, way.shape)
+            return *components(cells.position), *components(cells.heading), path
+
+        x, y, *heading, path = jax.lax.cond(_all_over(cells.finished), stood, swum)
+        interval = self.world.way(cells, action, noise).interval
+        return Way(Pose(join(x, y), join(*heading)), path, interval)
 
     # --- draws of one world ---------------------------------------------------------------------------------
 
@@ -238,6 +260,17 @@ def _each(function: Callable[[Array], Any], key: Array) -> Any:
 def _where(chosen: Array, new: Array, old: Array) -> Array:
     """`new` (worlds, ...) where the world is chosen (worlds,), else `old`."""
     return jnp.where(jnp.reshape(chosen, (*chosen.shape, *(1,) * (new.ndim - chosen.ndim))), new, old)
+
+
+@custom_vmap
+def _all_over(finished: Array) -> Array:
+    """Whether all cells of all worlds have finished: one answer, which `vmap` does not multiply."""
+    return jnp.all(finished)
+
+
+@_all_over.def_vmap
+def _(size: int, batched: Any, finished: Array) -> tuple[Array, bool]:
+    return _all_over(finished), False
 
 
 def _whole(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -82,6 +82,8 @@ class JaxMARLSwarm(MultiAgentEnv):
         return {"swimmers": self.agents}
 
     def _stacked(self, actions: ByAgent) -> Array:
+        if missing := [agent for agent in self.agents if agent not in actions]:
+            raise ValueError(f"actions must be given for every agent, got none for {', '.join(missing[:3])}")
         return jnp.stack([jnp.reshape(actions[agent], ()) for agent in self.agents])
 
     def _by_agent(self, rows: Array) -> ByAgent:

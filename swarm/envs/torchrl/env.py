@@ -59,13 +59,15 @@ class SwarmEnv(Worlds, EnvBase):
         world: World | None = None,
         **parameters: Any,
     ) -> None:
+        if seed is not None and seeds is not None:
+            raise ValueError(f"seed must be left out where seeds are given, got {seed} beside {seeds}")
         self._set_up(
             make_world(world, parameters),
             (n_worlds, n_swimmers),
             device,
             dtype=dtype,
             max_cycles=max_cycles,
-            seeds=seeds if seed is None or seeds is not None else [seed],
+            seeds=seeds if seed is None else [seed],
             population=population,
             compile_step=compile_step,
         )

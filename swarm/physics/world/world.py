@@ -127,7 +127,7 @@ class World(Parameters):
         when a perturbation is on, and with a `binding_rate` a fourth of uniform ones; a `Way` is swum in
         place of the action's. Pure: `state` is left as it was.
         """
-        pose, path, interval = self._way(state, action, noise) if way is None else way
+        pose, path, interval = self.way(state, action, noise) if way is None else way
         medium = None if self.medium is None else self._medium(state, interval, pose)
         if self.rotational_diffusion > 0:
             xp = namespace(noise)
@@ -182,7 +182,7 @@ class World(Parameters):
 
     # --- what happens within a decision ---------------------------------------------------------------------
 
-    def _way(self, state: State, action: Array, noise: Array) -> Way:
+    def way(self, state: State, action: Array, noise: Array) -> Way:
         """The way of an action."""
         interval, kick = self.interval(state, action, noise)
         if self._needs_arcs:
