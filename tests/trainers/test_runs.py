@@ -8,6 +8,7 @@ import sys
 import pytest
 import yaml
 
+from swarm._support import files
 from tests.short_runs import short_settings, start
 from trainers.training import run_folder as runs
 from trainers.training.run_folder import RunError, RunFolder, default_folder
@@ -94,7 +95,7 @@ def test_a_lock_ends_with_its_process_however_it_ends(tmp_path):
     run = start(tmp_path / "run", SETTINGS)
     code = (
         "import fcntl, os, signal, sys\n"
-        f"file = open({str(run.path / runs.LOCK)!r}, 'a')\n"
+        f"file = open({str(run.path / files.LOCK)!r}, 'a')\n"
         "fcntl.flock(file, fcntl.LOCK_EX)\n"
         "print('locked', flush=True)\n"
         "signal.pause()\n"

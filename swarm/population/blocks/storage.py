@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import shutil
@@ -12,12 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import safetensors.numpy
 
 from swarm._support import files
 from swarm.population.results import COORDINATES, SERIES, relabelled
 
 if TYPE_CHECKING:
     import xarray as xr
+
+WORDS = "words"  # a part's coordinates that are no numbers, in its metadata
 
 
 def joined(parts: Iterable[xr.Dataset], sizes: Mapping[str, int], attributes: dict[str, Any]) -> xr.Dataset:
@@ -82,7 +84,7 @@ class Storage:
             yield
 
     def _file(self, number: int) -> Path:
-        return self.folder / f"{number:07d}.npz"
+        return self.folder / f"{number:07d}.safetensors"
 
     def has(self, number: int) -> bool:
         """Whether a part is there."""
@@ -90,14 +92,18 @@ class Storage:
 
     def write(self, number: int, part: xr.Dataset) -> None:
         """Writes a part, whole or not at all."""
-        whole, arrays = io.BytesIO(), {str(name): each.values for name, each in part.variables.items()}
-        np.savez(whole, allow_pickle=False, **arrays)
-        files.write_bytes(self._file(number), whole.getvalue())
+        columns = {str(name): each.values for name, each in part.variables.items()}
+        words = {name: each.tolist() for name, each in columns.items() if each.dtype.kind in "OUT"}
+        numbers = {name: np.ascontiguousarray(each) for name, each in columns.items() if name not in words}
+        files.write_bytes(self._file(number), safetensors.numpy.save(numbers, {WORDS: json.dumps(words)}))
 
     def part(self, number: int) -> xr.Dataset:
         """A part that is there."""
-        with np.load(self._file(number), allow_pickle=False) as stored:
-            return relabelled(dict(stored), json.loads(json.loads(self.told)["world"]).get("units"))
+        with safetensors.safe_open(self._file(number), "numpy") as stored:
+            words = json.loads(stored.metadata()[WORDS])
+            columns = {name: np.array(each) for name, each in words.items()}
+            columns |= {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
+        return relabelled(columns, json.loads(json.loads(self.told)["world"]).get("units"))
 
     def opened(self) -> xr.Dataset:
         """The whole, whose numbers are read when they are asked for."""
