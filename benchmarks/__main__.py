@@ -28,6 +28,7 @@ NAMES = (
     "exact_solutions",
     "population_path",
     "adaptive_cell",
+    "continuous_steering",
 )
 FURTHER = ("jax_path",)  # need a library more; measured where they are named
 

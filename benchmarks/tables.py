@@ -10,7 +10,12 @@ def as_table(rows: list[dict[str, Any]]) -> str:
     heads = [name.replace("_", " ") for name in rows[0]]
     lines = [heads, ["--"] + ["--:"] * (len(heads) - 1)]
     for row in rows:
-        lines.append([f"{cell:.3g}" if isinstance(cell, float) else str(cell or "") for cell in row.values()])
+        lines.append(
+            [
+                f"{cell:.3g}" if isinstance(cell, float) else str("" if cell is None else cell)
+                for cell in row.values()
+            ]
+        )
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 

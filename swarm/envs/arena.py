@@ -187,10 +187,10 @@ class Arena:
         position = self._option(options, "position", starts.position)
         heading = self._option(options, "heading", starts.heading)
         factors = starts.factors.astype(self.dtype) if isinstance(starts, SpreadStarts) else None
-        noise = None
-        if self.world.concentration_noise > 0:
-            noise = np.concatenate(self._drawn(draw_record_noise, seeds, episode)).astype(self.dtype)
-        return self.world.start(position, heading, starts.past, factors, noise, medium), starts.past[:, 0]
+        records = self._drawn(draw_record_noise, seeds, episode) if self.world.concentration_noise > 0 else ()
+        noise = None if not records else np.concatenate(records).astype(self.dtype)
+        state = self.world.start(position, heading, starts.past, factors, noise, medium)
+        return state, self.world.action_of(starts.past[:, 0], position)
 
     def _drawn(self, draw: Callable[..., Any], seeds: tuple[int, ...], episode: np.ndarray) -> list[Any]:
         """What is drawn for the cells of each seed, which are in the same `episode`."""
@@ -216,7 +216,7 @@ class Arena:
 
     def table(self) -> np.ndarray:
         """x, y [length], heading in [−π, π] [rad] and curvature [1 / length] of every cell (cells, 4)."""
-        curvature = np.asarray(self.world.curvatures, self.dtype)[self.action]
+        curvature = self.world.curvature_of(self.action, self.state.position)
         return np.column_stack([self.state.position, self.world.heading_angle(self.state), curvature])
 
     def _draw(self) -> np.ndarray | None:
@@ -232,7 +232,7 @@ class Arena:
 
     def _check_finite(self, state: State, observation: np.ndarray, gain: np.ndarray) -> None:
         """Raises ValueError where a field or flow gave NaN or infinity."""
-        # The sum of their squares tells whether any is not finite; what is wrong with a gain is observed too.
+        # Their squares' sum tells whether any is not finite; what is wrong with a gain is observed too.
         if math.isfinite(np.vdot(observation, observation) + np.vdot(state.position, state.position)):
             return
         found = {"position": state.position, "concentration": gain, "observation": observation}

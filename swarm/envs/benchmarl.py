@@ -35,10 +35,10 @@ class SwarmTask(TaskClass):
         return lambda: SwarmEnv(num_envs, device, seed=seed, **config)
 
     def supports_continuous_actions(self) -> bool:
-        return False
+        return bool(self.config.get("action") == "continuous")
 
     def supports_discrete_actions(self) -> bool:
-        return True
+        return not self.supports_continuous_actions()
 
     def has_render(self, env: EnvBase) -> bool:
         return find_spec("matplotlib") is not None

@@ -6,11 +6,12 @@ import copy
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box, Discrete
+from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from swarm._support.checks import check_count, check_name, check_options
+from swarm.envs.actions import action_space, checked
 from swarm.envs.arena import (
     RENDER_FPS,
     RENDER_MODES,
@@ -72,7 +73,7 @@ class SpermSwarmVector(Watched, VectorEnv):
         bounds = self.world.observation_bounds
         self.num_envs = self.arena.n_swimmers
         self.single_observation_space = Box(-bounds, bounds, dtype=np.float32)
-        self.single_action_space = Discrete(self.world.n_actions)
+        self.single_action_space = action_space(self.world)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._done: np.ndarray | None = None  # (cells,) lives that are over; None before the first reset
@@ -111,7 +112,7 @@ class SpermSwarmVector(Watched, VectorEnv):
         Raises TypeError or ValueError where an action is none, and leaves everything as it was.
         """
         over = self._begun()
-        action = np.where(over, self.arena.action, self._checked(actions))
+        action = np.where(over, self.arena.action, checked(self.world, actions, self.num_envs))
         if over.any() and self.autoreset_mode is AutoresetMode.DISABLED:
             names = ", ".join(f"swimmer_{i}" for i in np.flatnonzero(over)[:3])
             raise RuntimeError(f"step: the lives of {names} are over; call reset with options['reset_mask']")
@@ -207,20 +208,6 @@ class SpermSwarmVector(Watched, VectorEnv):
             rule = "options['reset_mask'] must choose all cells where none can begin before the others"
             raise ValueError(f"{rule}, got {int(cells.sum())} of {self.num_envs}")
         return cells
-
-    def _checked(self, actions: Any) -> np.ndarray:
-        """The actions as whole numbers (cells,)."""
-        rule = f"actions must be {self.num_envs} whole numbers from 0 to {self.world.n_actions - 1}"
-        action = np.asarray(actions)
-        if action.dtype.kind not in "iu":
-            raise TypeError(f"{rule}, got {action.dtype} {actions!r}")
-        if action.shape != (self.num_envs,):
-            raise ValueError(f"{rule}, got shape {action.shape}")
-        wrong = (action < 0) | (action >= self.world.n_actions)
-        if wrong.any():
-            i = int(wrong.argmax())
-            raise ValueError(f"{rule}, got {action[i]} for swimmer_{i}")
-        return action
 
 
 def _begins_together(world: World) -> bool:

@@ -14,7 +14,6 @@
 from __future__ import annotations
 
 import functools
-import operator
 from collections.abc import Sequence
 from typing import Any
 
@@ -26,6 +25,7 @@ from pettingzoo.utils.env import AECEnv
 from pettingzoo.utils.wrappers import AssertOutOfBoundsWrapper, OrderEnforcingWrapper
 
 from swarm._support import streams
+from swarm.envs.actions import action_space, checked_one
 from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, Watched, make_world, with_parameters
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow
@@ -86,7 +86,7 @@ class InTurns(parallel_to_aec_wrapper):
         return self.env.observation_spaces
 
     @property
-    def action_spaces(self) -> dict[str, Discrete]:
+    def action_spaces(self) -> dict[str, Discrete | Box]:
         """Every agent's action space."""
         return self.env.action_spaces
 
@@ -125,7 +125,7 @@ class SpermSwarm(Watched, ParallelEnv):
         self._live: np.ndarray | None = None  # rows of `agents`; None while nobody has finished
         self._cycle: int | None = None  # decisions since reset; None before the first
         self._observation_spaces: dict[str, Box] = {}  # of the agents that were asked for
-        self._action_spaces: dict[str, Discrete] = {}
+        self._action_spaces: dict[str, Discrete | Box] = {}
         self._np_random: np.random.Generator | None = None
         self.state_space = self._make_state_space()
 
@@ -137,11 +137,11 @@ class SpermSwarm(Watched, ParallelEnv):
             self._observation_spaces[agent] = Box(-bounds, bounds, dtype=np.float32)
         return self._observation_spaces[agent]
 
-    def action_space(self, agent: str) -> Discrete:
-        """Discrete(m)."""
+    def action_space(self, agent: str) -> Discrete | Box:
+        """Discrete(m), or a Box (1,) of curvatures; see `swarm.envs.actions`."""
         if agent not in self._action_spaces:
             self._index[agent]  # raises
-            self._action_spaces[agent] = Discrete(self.world.n_actions)
+            self._action_spaces[agent] = action_space(self.world)
         return self._action_spaces[agent]
 
     @functools.cached_property
@@ -150,7 +150,7 @@ class SpermSwarm(Watched, ParallelEnv):
         return {agent: self.observation_space(agent) for agent in self.possible_agents}
 
     @functools.cached_property
-    def action_spaces(self) -> dict[str, Discrete]:
+    def action_spaces(self) -> dict[str, Discrete | Box]:
         """Every agent's action space; made when they are asked for."""
         return {agent: self.action_space(agent) for agent in self.possible_agents}
 
@@ -195,7 +195,7 @@ class SpermSwarm(Watched, ParallelEnv):
         )
 
     def step(
-        self, actions: dict[str, int]
+        self, actions: dict[str, Any]
     ) -> tuple[
         dict[str, np.ndarray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, float]]
     ]:
@@ -266,7 +266,7 @@ class SpermSwarm(Watched, ParallelEnv):
             raise RuntimeError("reset must be called first")
         return self._cycle
 
-    def _unpack(self, actions: dict[str, int]) -> np.ndarray:
+    def _unpack(self, actions: dict[str, Any]) -> np.ndarray:
         """Actions (cells,); a finished cell keeps its last."""
         try:
             values = list(map(actions.__getitem__, self.agents))
@@ -274,30 +274,26 @@ class SpermSwarm(Watched, ParallelEnv):
             raise self._wrong_agents(actions) from None
         if len(values) != len(actions) and not actions.keys() <= self._index.keys():
             raise self._wrong_agents(actions)
-        try:  # whole numbers in [0, 256)
-            chosen = np.frombuffer(bytes(values), np.uint8)
-        except (TypeError, ValueError):
-            chosen = None
-        if chosen is None or chosen.max(initial=0) >= self.world.n_actions:
-            chosen = self._unpack_slowly(values)
+        chosen = self._numbers(values)
         if self._live is None:
             return chosen
         everyone = self.arena.action.copy()
         everyone[self._live] = chosen
         return everyone
 
-    def _unpack_slowly(self, values: list[Any]) -> np.ndarray:
-        """Raises unless all values are actions."""
-        top = self.world.n_actions - 1
-        for agent, value in zip(self.agents, values, strict=True):
-            rule = f"the action of {agent} must be a whole number from 0 to {top}, got {value!r}"
-            try:
-                number = operator.index(value)
-            except TypeError:
-                raise TypeError(rule) from None
-            if not 0 <= number <= top:
-                raise ValueError(rule)
-        return np.array(values)
+    def _numbers(self, values: list[Any]) -> np.ndarray:
+        """The agents' actions; raises unless all are."""
+        world = self.world
+        if not world.is_continuous:
+            try:  # whole numbers in [0, 256)
+                chosen = np.frombuffer(bytes(values), np.uint8)
+                if chosen.max(initial=0) < world.n_actions:
+                    return chosen
+            except (TypeError, ValueError):
+                pass
+        pairs = zip(self.agents, values, strict=True)
+        numbers = [checked_one(world, f"the action of {agent}", value) for agent, value in pairs]
+        return np.array(numbers, self.arena.dtype if world.is_continuous else None)
 
     def _wrong_agents(self, actions: Any) -> Exception:
         if not isinstance(actions, dict):
@@ -311,7 +307,7 @@ class SpermSwarm(Watched, ParallelEnv):
         )
 
     def _make_state_space(self) -> Box:
-        dtype, kappa = self.arena.dtype, self.world.curvatures
+        dtype, kappa = self.arena.dtype, self.world.curvature_bounds
         anywhere = np.finfo(dtype).max
         low = np.array([-anywhere, -anywhere, -np.pi, kappa[0]], dtype)
         high = np.array([anywhere, anywhere, np.pi, kappa[-1]], dtype)

@@ -7,9 +7,10 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Box, Discrete
+from gymnasium.spaces import Box
 
 from swarm._support.streams import check_seed
+from swarm.envs.actions import action_space, checked_one, rule_of
 from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, Watched, make_world, with_parameters
 from swarm.physics.world import World
 
@@ -39,7 +40,7 @@ class SpermSwimmer(Watched, gymnasium.Env):
         self._set_up(max_cycles, render_mode)
         bounds = self.world.observation_bounds
         self.observation_space = Box(-bounds, bounds, dtype=np.float32)
-        self.action_space = Discrete(self.world.n_actions)
+        self.action_space = action_space(self.world)
         self._done: bool | None = None  # None before the first reset
 
     def reset(
@@ -57,17 +58,17 @@ class SpermSwimmer(Watched, gymnasium.Env):
         self._follow()
         return observation[0], self._info()
 
-    def step(self, action: int) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """One decision; raises ValueError where the action is none, RuntimeError where no life has begun or
-        it is over, and leaves everything as it was.
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """One decision; raises ValueError or TypeError where the action is none, RuntimeError where no life
+        has begun or it is over, and leaves everything as it was.
         """
         if self._done is not False:
             raise RuntimeError("step: the life is over; call reset" if self._done else _UNBEGUN)
-        if not self.action_space.contains(action):
-            top = self.world.n_actions - 1
-            raise ValueError(f"action must be a whole number from 0 to {top}, got {action!r}")
+        if not self.world.is_continuous and not self.action_space.contains(action):
+            raise ValueError(f"action must be {rule_of(self.world)}, got {action!r}")
+        chosen = checked_one(self.world, "action", action)
         arena = copy.copy(self.arena)  # kept only if nothing goes wrong
-        observation, reward, terminated, truncated, _ = arena.step(np.array([action]))
+        observation, reward, terminated, truncated, _ = arena.step(np.array([chosen]))
         ended, over = bool(terminated[0]), bool(truncated[0])
         if self.max_cycles is not None:
             over = over or (not ended and int(arena.decision[0]) >= self.max_cycles)

@@ -19,6 +19,7 @@ from swarm.physics.motion.arc import Pose
 from swarm.physics.world import World
 
 CUBIC = np.arange(-1, 3)  # the neighbours that a cubic reading goes through
+CURVATURES = 65  # that stand for a range of them
 MAX_TIMES = 100_000  # times left that are worth a table each
 
 
@@ -32,6 +33,7 @@ class Problem:
     tick: float  # [time]
     life: float  # [time]
     flow: TaylorGreen | None  # None: still water
+    dense: bool = False  # `curvatures` stand for all between the first and the last
 
     @cached_property
     def life_ticks(self) -> int:
@@ -68,6 +70,21 @@ class Problem:
         return np.minimum(np.searchsorted(self.times, left), len(self.times) - 1)
 
 
+def largest(scores: np.ndarray, dense: bool) -> tuple[np.ndarray, np.ndarray]:
+    """The largest of scores (curvatures, ...), and which curvature has it (...); where these are dense, both
+    are read off a parabola through the largest and its neighbours.
+    """
+    if not dense:
+        best = np.argmax(scores, axis=0)
+        return np.maximum.reduce(scores), best
+    best = np.clip(np.argmax(scores, axis=0), 1, len(scores) - 2)
+    below, middle, above = (np.take_along_axis(scores, best[None] + i, axis=0)[0] for i in (-1, 0, 1))
+    slope, bend = (above - below) / 2, below - 2 * middle + above
+    offset = np.clip(-slope / np.where(bend < 0, bend, -np.inf), -1, 1)
+    offset = np.where(bend < 0, offset, np.sign(slope))
+    return middle + offset * (slope + 0.5 * offset * bend), best + offset
+
+
 def heading_angle(pose: Pose) -> np.ndarray:
     """Heading θ (...) in (−π, π] [rad]."""
     return np.arctan2(pose.heading[..., 1], pose.heading[..., 0])
@@ -89,6 +106,8 @@ def why_no_limit(world: World) -> str | None:
         return f"a linear field, got {world.field!r}"
     if type(world.flow) not in (StillWater, TaylorGreen):
         return f"still water or the Taylor–Green flow, got {world.flow!r}"
+    if world.is_continuous and type(world.flow) is not StillWater:
+        return f"still water where curvatures are chosen from a range, got {world.flow!r}"
     if world.has_noise:
         return "no perturbations, got noise"
     if world.is_shared or world.spread is not None:
@@ -108,10 +127,14 @@ def problem_of(world: World) -> Problem | None:
     """The problem a world poses, or None where there is no limit."""
     if why_no_limit(world) is not None:
         return None
+    curvatures, dense = world.curvatures, world.action_range is not None
+    if world.action_range is not None:
+        curvatures = tuple(np.linspace(*world.action_range, CURVATURES).tolist())
     return Problem(
-        curvatures=world.curvatures,
-        speeds=world.action_speeds,
-        ticks=world.interval_ticks,
+        curvatures=curvatures,
+        dense=dense,
+        speeds=(world.speed,) * CURVATURES if dense else world.action_speeds,
+        ticks=world.interval_ticks[:1] * CURVATURES if dense else world.interval_ticks,
         tick=world.tick,
         life=world.life,
         flow=world.flow if isinstance(world.flow, TaylorGreen) else None,

@@ -6,16 +6,18 @@ its place. So the largest gain still to come is a function of heading and time l
     V(θ; t) = max over actions of  gain(θ) + V(θ + turn; t − interval),     V(θ; 0) = 0,
 
 held on evenly spaced headings and read between them by cubic polynomials. What the spacing leaves out is
-judged from half and a quarter as many headings.
+judged from half and a quarter as many headings, and where any curvature of a range may be chosen, as many of
+them: the largest is read off a parabola through three evenly spaced ones.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
-from swarm.optimal.problem import CUBIC, Problem, heading_angle, lagrange
+from swarm.optimal.problem import CUBIC, Problem, heading_angle, lagrange, largest
 from swarm.physics.motion.arc import Pose, arc
 
 HEADINGS = 2048  # of the table the limit is read from
@@ -43,10 +45,18 @@ class StillTables:
 
 def solve(problem: Problem, headings: int = HEADINGS) -> StillTables:
     """Tables on `headings` headings, with the limit on half and a quarter as many beside it."""
-    coarser = [_backward(problem, n, keep=0)[0] for n in (headings // 4, headings // 2)]
+    coarser = [_backward(_coarser(problem, n), headings // n, keep=0)[0] for n in (4, 2)]
     kept = min(KEPT_HEADINGS, headings, max(32, KEPT_NUMBERS // len(problem.times)))
     finest, values = _backward(problem, headings, keep=2 ** int(np.log2(kept)))
     return StillTables(problem, (*coarser, finest), values)
+
+
+def _coarser(problem: Problem, times: int) -> Problem:
+    """The problem with so many times fewer curvatures, where these stand for a range."""
+    if not problem.dense:
+        return problem
+    parts = (getattr(problem, name)[::times] for name in ("curvatures", "speeds", "ticks"))
+    return dataclasses.replace(problem, **dict(zip(("curvatures", "speeds", "ticks"), parts, strict=True)))
 
 
 def _backward(problem: Problem, headings: int, *, keep: int) -> tuple[np.ndarray, np.ndarray]:
@@ -62,7 +72,7 @@ def _backward(problem: Problem, headings: int, *, keep: int) -> tuple[np.ndarray
         for action, ticks in enumerate(problem.ticks):
             step = whole[action] if left > ticks else _Arc(problem, action, left, theta)
             gains.append(step.gain + step.turned(recent[max(left - ticks, 0)]))
-        recent[left] = np.maximum.reduce(gains)
+        recent[left] = largest(np.asarray(gains), problem.dense)[0]
         if keep:
             kept[row] = recent[left][:: headings // keep]
         for old in [time for time in recent if time and time < left - max(problem.ticks)]:

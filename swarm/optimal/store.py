@@ -41,7 +41,9 @@ def cache_folder() -> Path:
 def key_of(kind: Tables, problem: Problem, grids: Grids) -> dict[str, Any]:
     """All that the tables depend on."""
     assert problem.flow is not None
-    parameters = {item.name: getattr(problem, item.name) for item in dataclasses.fields(problem)}
+    parameters = {
+        item.name: getattr(problem, item.name) for item in dataclasses.fields(problem) if item.name != "dense"
+    }
     parameters["flow"] = {"speed_scale": problem.flow.speed_scale, "wavenumber": problem.flow.wavenumber}
     plain = {"kind": kind.name, "scheme": SCHEME, "grids": grids, **parameters}
     return json.loads(json.dumps(plain))

@@ -83,6 +83,7 @@ class Memory:
 
     def bounds(self, world: World) -> Sequence[float]:
         """A record differs from the mean by less than between the first and the last, by path and time."""
+        curvature = 1.001 * max(map(abs, map(world.normal_curvature, world.curvature_bounds)))
         gradient = getattr(world.field, "max_gradient", None)
         current = getattr(world.flow, "max_speed", None)
         rate = getattr(world.field, "max_rate", None) if hasattr(world.field, "at") else 0.0
@@ -94,11 +95,11 @@ class Memory:
             or world.concentration_noise > 0
             or not bounded
         ):
-            return LARGEST, 1.001
+            return LARGEST, curvature
         pairs = zip(world.action_speeds, world.intervals, strict=True)
         wider = 1.0 if world.spread is None else world.spread.largest[0]
         largest = max(((speed * wider + current) * gradient + rate) * interval for speed, interval in pairs)
-        return 1.001 * (world.n_records - 1) * largest * world.record_scale + 1e-3, 1.001
+        return 1.001 * (world.n_records - 1) * largest * world.record_scale + 1e-3, curvature
 
 
 @SENSORS.register("memory_with_flow")

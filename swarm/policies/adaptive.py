@@ -30,7 +30,6 @@ from swarm._support.checks import (
 from swarm.physics.motion.swimmer import Way
 from swarm.physics.world import State, World
 from swarm.policies import continuous
-from swarm.policies.strategies import last_action
 
 Array = Any
 
@@ -104,9 +103,11 @@ class AdaptiveSteering(Checked):
         xp = namespace(state.memory)
         newest, before = (state.memory[..., i, 0] / world.mean_curvature for i in (0, 1))
         intervals = as_array(np.asarray(world.clock.intervals), newest)
-        length = look_up(intervals, last_action(world, state))
+        length = intervals[0] if world.is_continuous else look_up(intervals, world.last_action(state))
         response = output, sensitivity = self._response(world, length, before, newest, carry)
         wanted = self.curvature(world, output, self.gain_at(world, sensitivity))
+        if world.is_continuous:
+            return wanted, Adaptation(*response, carry.owed)
         spacing = world.curvatures[1] - world.curvatures[0]
         wanted = xp.clip(wanted, world.curvatures[0], world.curvatures[-1]) + carry.owed
         action = xp.clip(xp.round((wanted - world.curvatures[0]) / spacing), 0, world.n_actions - 1)

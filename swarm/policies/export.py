@@ -32,7 +32,7 @@ class Cost(NamedTuple):
 
 
 def cost(network: Network) -> Cost:
-    """What a decision of one cell takes."""
+    """What a decision of one cell takes, but for the scale of a curvature."""
     multiplications = sum(weight.size for weight in network.weights)
     parameters = multiplications + sum(bias.size for bias in network.biases)
     return Cost(parameters, 4 * parameters, multiplications, sum(bias.size for bias in network.biases[:-1]))
@@ -42,8 +42,8 @@ def export_policy(network: Network, path: str | os.PathLike, format: str) -> Cos
     """Writes a network as "onnx", "c" or "json" to a new file, whole or not at all; returns what it costs.
 
     All take an observation (N_T · features) in float32, whose numbers are named in the file, and give a value
-    per action. Raises FileExistsError where there is something at `path`, PolicyError where ONNX is asked for
-    and the package `onnx` is missing.
+    per action, or the curvature of a network that chooses one. Raises FileExistsError where there is
+    something at `path`, PolicyError where ONNX is asked for and the package `onnx` is missing.
     """
     encode = FORMATS[check_name("format", format, FORMATS)]
     target = files.expanded(path)
@@ -115,15 +115,40 @@ def _c(network: Network, name: str) -> bytes:
             "  }",
         ]
     lines += [
-        "}\n\n/* The action of the largest value, the first of several. */",
-        f"static inline int {name}_act(const float *observation) {{",
-        f"  float values[{sizes[-1]}];",
-        "  int best = 0;",
-        f"  {name}_values(observation, values);",
-        f"  for (int i = 1; i < {sizes[-1]}; i++) if (values[i] > values[best]) best = i;",
-        f"  return best;\n}}\n\n#endif /* {guard} */",
+        "}\n",
+        *_act_in_c(network, name),
+        f"\n#endif /* {guard} */",
     ]
     return ("\n".join(lines) + "\n").encode()
+
+
+def _act_in_c(network: Network, name: str) -> list[str]:
+    """The function that chooses."""
+    if network.curvature_range is not None:
+        middle, half = _middle_and_half(network)
+        return [
+            "/* The curvature, in the units of the world that it learnt in. */",
+            f"static inline float {name}_act(const float *observation) {{",
+            "  float value;",
+            f"  {name}_values(observation, &value);",
+            f"  return {middle!s}f + {half!s}f * tanhf(value);\n}}",
+        ]
+    return [
+        "/* The action of the largest value, the first of several. */",
+        f"static inline int {name}_act(const float *observation) {{",
+        f"  float values[{network.n_actions}];",
+        "  int best = 0;",
+        f"  {name}_values(observation, values);",
+        f"  for (int i = 1; i < {network.n_actions}; i++) if (values[i] > values[best]) best = i;",
+        "  return best;\n}",
+    ]
+
+
+def _middle_and_half(network: Network) -> tuple[np.float32, np.float32]:
+    """Of the range of a network that chooses a curvature [1 / length]."""
+    assert network.curvature_range is not None
+    low, high = network.curvature_range
+    return np.float32(0.5 * (low + high)), np.float32(0.5 * (high - low))
 
 
 def _literals(values: np.ndarray, opening: str, closing: str) -> list[str]:
@@ -163,11 +188,20 @@ def _onnx(network: Network, name: str) -> bytes:
         if i < last:
             nodes.append(helper.make_node("Tanh", [after], [f"layer_{i}"]))
         before = f"layer_{i}"
-    nodes.append(helper.make_node("ArgMax", ["values"], ["action"], axis=1, keepdims=0))
+    kind, shape = TensorProto.INT64, list[Any](["cells"])
+    if network.curvature_range is None:
+        nodes.append(helper.make_node("ArgMax", ["values"], ["action"], axis=1, keepdims=0))
+    else:
+        kind, shape = TensorProto.FLOAT, ["cells", 1]
+        pair = zip(("middle", "half"), _middle_and_half(network), strict=True)
+        constants += [numpy_helper.from_array(np.asarray(each), part) for part, each in pair]
+        nodes.append(helper.make_node("Tanh", ["values"], ["part"]))
+        nodes.append(helper.make_node("Mul", ["part", "half"], ["away"]))
+        nodes.append(helper.make_node("Add", ["away", "middle"], ["action"]))
     taken = helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["cells", network.n_inputs])
     given = [
         helper.make_tensor_value_info("values", TensorProto.FLOAT, ["cells", network.n_actions]),
-        helper.make_tensor_value_info("action", TensorProto.INT64, ["cells"]),
+        helper.make_tensor_value_info("action", kind, shape),
     ]
     graph = helper.make_graph(nodes, name, [taken], given, constants)
     model = helper.make_model(

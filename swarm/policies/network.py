@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from swarm._support import files, tensors
-from swarm._support.arrays import namespace
+from swarm._support.arrays import as_array, namespace
 from swarm._support.checks import check_name
 from swarm._support.registry import TYPE
 from swarm.physics import perception
@@ -44,7 +44,9 @@ BLOCK = 64  # rows that are always computed together
 
 
 class Network:
-    """Q-values of every action by a fully connected network: tanh between layers, linear output.
+    """Q-values of every action by a fully connected network: tanh between layers, linear output. A network
+    whose card states a `curvature_range` has one output o, and chooses the curvature at tanh o between the
+    range's middle (0) and its ends (±1).
 
     The card says what it was made for: `n_records` (N_T), `features` (numbers per record) and `sensor`, what
     takes the records, by its name or as `{"type": name, parameter: value, …}` (default: memory for 2,
@@ -66,6 +68,8 @@ class Network:
         if self.card["n_actions"] != self.n_actions:
             stated = self.card["n_actions"]
             raise PolicyError(f"{rule}: n_actions is {stated}, got {self.n_actions} outputs")
+        if self.curvature_range is not None and self.n_actions != 1:
+            raise PolicyError(f"{rule}: a curvature_range goes with one output, got {self.n_actions}")
 
     def __repr__(self) -> str:
         nodes = "-".join(str(size) for size in (self.n_inputs, *(len(bias) for bias in self.biases)))
@@ -78,8 +82,14 @@ class Network:
 
     @property
     def n_actions(self) -> int:
-        """m, the number of outputs."""
+        """m, the number of outputs; 1 where the action is a curvature."""
         return self.weights[-1].shape[0]
+
+    @property
+    def curvature_range(self) -> tuple[float, float] | None:
+        """The lowest and the highest curvature that it chooses [1 / length]; None where it takes an action by
+        its value."""
+        return None if (stated := self.card.get("curvature_range")) is None else (stated[0], stated[1])
 
     @property
     def n_records(self) -> int:
@@ -136,8 +146,12 @@ class Network:
         return output.reshape(-1, self.n_actions)[:rows].reshape(*inputs.shape[:-1], self.n_actions)
 
     def __call__(self, observation: Array) -> np.ndarray:
-        """Best actions (...) for observations (..., inputs)."""
-        return np.argmax(self.values(observation), axis=-1)
+        """Best actions (...) for observations (..., inputs); curvatures in float64."""
+        values = self.values(observation)
+        if self.curvature_range is None:
+            return np.argmax(values, axis=-1)
+        low, high = self.curvature_range
+        return 0.5 * (low + high) + 0.5 * (high - low) * np.tanh(values[..., 0].astype(np.float64))
 
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
         """Best actions (..., cells). What the world senses besides the plain memory, and a network that was
@@ -148,6 +162,8 @@ class Network:
         self.check_fits(world)
         observation = perception.observe(state.memory[..., : self.features])
         action = self(observation)
+        if self.curvature_range is not None:
+            return as_array(action, state.memory)
         return namespace(state.memory).asarray(action)
 
     def check_fits(self, world: World) -> None:
@@ -162,7 +178,14 @@ class Network:
                 f"gives {world.observation_size} (n_records = {world.n_records}, {world.features} of "
                 f"{_told(there)} in each){hint}"
             )
-        if self.n_actions != world.n_actions:
+        if self.curvature_range != world.action_range:
+            own, theirs = (
+                f"curvatures of {each}" if each else "numbers of actions"
+                for each in (self.curvature_range, world.action_range)
+            )
+            rule = "policy must take the actions of the world"
+            raise PolicyError(f"{rule}: the policy takes {own}, the world {theirs}")
+        if not world.is_continuous and self.n_actions != world.n_actions:
             raise PolicyError(
                 f"policy must have one value for each action of the world: the policy has {self.n_actions}, "
                 f"the world {world.n_actions}"

@@ -9,6 +9,7 @@ from typing import Any
 from swarm._support.checks import check_count
 from swarm._support.registry import TYPE
 from swarm._support.tensors import Shapes
+from swarm.physics.world.actions import check_range
 
 POLICY_FILE = "policy.safetensors"  # its name in a run folder
 MAX_FILE = 16 * 2**20  # [bytes]
@@ -51,11 +52,18 @@ def check_card(card: dict[str, Any]) -> dict[str, Any]:
     plain = _plain(card, 0)
     if len(json.dumps(plain)) > MAX_HEADER // 4:
         raise PolicyError(f"card must have at most {MAX_HEADER // 4} bytes")
+    continuous = plain.get("curvature_range") is not None
     for name in ("n_records", "features", "n_actions"):
         if name not in plain:
             raise PolicyError(f"card must state {name}, got {', '.join(list(plain)[:10]) or 'an empty card'}")
         try:
-            check_count(f"card's {name}", plain[name], at_least=2)
+            least = 1 if name == "n_actions" and continuous else 2
+            check_count(f"card's {name}", plain[name], at_least=least)
+        except (TypeError, ValueError) as error:
+            raise PolicyError(str(error)) from None
+    if continuous:
+        try:
+            plain["curvature_range"] = list(check_range("card's curvature_range", plain["curvature_range"]))
         except (TypeError, ValueError) as error:
             raise PolicyError(str(error)) from None
     sensor = plain.get("sensor", SENSORS.get(plain["features"]))

@@ -29,11 +29,11 @@ class Greedy:
         xp = namespace(state.memory)
         concentrations = state.memory[..., 0]  # normalised, which keeps their order
         newest = concentrations[..., 0]
-        top = world.n_actions - 1
-        kept = last_action(world, state)
+        kept = world.last_action(state)
+        low, high = world.ends(kept)
         at_smallest = newest <= xp.min(concentrations, axis=-1)
         at_largest = newest >= xp.max(concentrations, axis=-1)
-        return xp.where(at_largest, xp.full_like(kept, top), xp.where(at_smallest, xp.zeros_like(kept), kept))
+        return xp.where(at_largest, high, xp.where(at_smallest, low, kept))
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Swinging:
             counted = xp.sum(counted, axis=-1, dtype=xp.int32)
         table = as_array(timetable, counted, dtype=xp.int32)
         row = xp.reshape(counted % len(timetable), (-1,))
-        return xp.reshape(xp.take(table, row, axis=0), counted.shape)
+        return world.action_of(xp.reshape(xp.take(table, row, axis=0), counted.shape), state.memory)
 
     @staticmethod
     def schedule(world: World) -> np.ndarray:
@@ -69,13 +69,16 @@ class Swinging:
 
 @dataclass(frozen=True)
 class Random:
-    """Each action with equal chance."""
+    """Each action with equal chance; where actions are curvatures, each of the range."""
 
     def act(self, world: World, state: State, uniform: Array) -> Array:
         """Actions (..., cells); `uniform` is needed."""
         if uniform is None:
             raise ValueError("uniform must be given to Random: one number in [0, 1) per cell, got None")
         xp = namespace(uniform)
+        if world.action_range is not None:
+            low, high = world.action_range
+            return low + (high - low) * uniform
         action = xp.astype(uniform * world.n_actions, xp.int32)
         top = xp.full_like(action, world.n_actions - 1)
         return xp.minimum(action, top)  # in float32 a number below 1 may round up
@@ -86,9 +89,9 @@ class FromObservation:
     """What any function of the observation chooses, a model of another library for instance.
 
     `function` gets the observations of all cells at once (..., cells, N_T · features) in float32, of the
-    library that the world runs on, and returns whole numbers 0 … m − 1 (..., cells) as an array, tensor or
-    list. Raises TypeError for something that cannot be called; `act` raises ValueError for actions of
-    another shape or kind, or that the world does not have.
+    library that the world runs on, and returns whole numbers 0 … m − 1 (..., cells), or curvatures where
+    these are the actions, as an array, tensor or list. Raises TypeError for something that cannot be called;
+    `act` raises ValueError for actions of another shape or kind, or that the world does not have.
     """
 
     function: Callable[[Array], Any]
@@ -102,20 +105,21 @@ class FromObservation:
         chosen = self.function(world.observation(state))
         if not is_array_api_obj(chosen):
             chosen = np.asarray(chosen)
-        xp, cells = namespace(chosen), tuple(state.clock.shape[: state.memory.ndim - 2])
-        if tuple(chosen.shape) != cells or not xp.isdtype(chosen.dtype, "integral"):
+        cells = tuple(state.clock.shape[: state.memory.ndim - 2])
+        kind, wanted = (
+            ("curvatures", "real floating") if world.is_continuous else ("whole numbers", "integral")
+        )
+        xp = namespace(chosen)
+        if tuple(chosen.shape) != cells or not xp.isdtype(chosen.dtype, wanted):
             raise ValueError(
-                f"actions must be whole numbers, one for each cell {cells}, got {chosen.dtype} of shape "
+                f"actions must be {kind}, one for each cell {cells}, got {chosen.dtype} of shape "
                 f"{tuple(chosen.shape)}"
             )
-        low, high = int(xp.min(chosen)), int(xp.max(chosen))
-        if low < 0 or high >= world.n_actions:
-            raise ValueError(f"actions must lie in 0 … {world.n_actions - 1}, got {low if low < 0 else high}")
+        wrong = ~world.is_action(chosen)
+        if xp.any(wrong):
+            low, high = world.action_range or (0, world.n_actions - 1)
+            found = xp.reshape(chosen, (-1,))[int(xp.argmax(xp.astype(xp.reshape(wrong, (-1,)), xp.int32)))]
+            raise ValueError(f"actions must lie in {low:g} … {high:g}, got {float(found):g}")
+        if world.is_continuous:
+            return as_array(chosen, state.memory)
         return as_array(chosen, state.memory, dtype=namespace(state.memory).int32)
-
-
-def last_action(world: World, state: State) -> Array:
-    """The action (..., cells) of the interval that ended now, from its κ* in [−1, 1]."""
-    xp = namespace(state.memory)
-    normal_curvature = state.memory[..., 0, 1]
-    return xp.astype(xp.round((normal_curvature + 1) * (0.5 * (world.n_actions - 1))), xp.int32)

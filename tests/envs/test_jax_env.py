@@ -286,3 +286,19 @@ class TestJumanji:
         arrived = step.extras["finished"]
         assert arrived.any()
         np.testing.assert_array_equal(step.discount == 0, arrived)
+
+
+def test_curvatures_are_actions_and_have_gradients():
+    settings = {"action": "continuous", "curvature_range": (-1.0, 5.0), "life": 2.0}
+    env, world = JaxSwarmEnv(3, **settings), swarm.World(**settings)
+    _, state = env.reset(jax.random.key(0))
+    action = jnp.array([[-1.0], [0.0], [4.5]])
+    after = env.step(jax.random.key(1), state, action)
+    mirror, _ = world.step(state.cells.each(np.asarray), np.asarray(action)[:, 0])
+    np.testing.assert_allclose(after.state.cells.position, mirror.position, atol=1e-5)
+    np.testing.assert_allclose(world.curvature(mirror), action[:, 0], atol=1e-5)
+    slope = jax.grad(lambda each: env.step_env(jax.random.key(1), state, each).info["gain"].sum())(
+        action[:, 0]
+    )
+    assert np.isfinite(slope).all()
+    assert (slope != 0).all()

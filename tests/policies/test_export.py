@@ -1,6 +1,7 @@
 """Exported policies choose what the network chooses: in ONNX, in C, from JSON."""
 
 import ctypes
+import functools
 import itertools
 import json
 import shutil
@@ -31,11 +32,11 @@ def networks():
             yield Network(weights, [draw.normal(size=after) for _, after in pairs], card)
 
 
-def values_in_c(path, network, seen):
+def values_in_c(path, network, seen, kind="int"):
     """What the header computes, compiled as strictly as compilers can."""
     name, source, library = path.stem, path.with_suffix(".c"), path.with_suffix(".so")
     source.write_text(f"""#include "{path.name}"
-        void all(const float *seen, float *values, int *actions, int rows) {{
+        void all(const float *seen, float *values, {kind} *actions, int rows) {{
           for (int i = 0; i < rows; i++, seen += {name}_inputs, values += {name}_actions) {{
             {name}_values(seen, values);
             actions[i] = {name}_act(seen);
@@ -44,7 +45,10 @@ def values_in_c(path, network, seen):
     """)
     strict = ["-std=c99", "-pedantic-errors", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC"]
     subprocess.run(["cc", *strict, "-o", library, source, "-lm"], check=True)
-    values, actions = np.empty((len(seen), network.n_actions), np.float32), np.empty(len(seen), np.int32)
+    values, actions = (
+        np.empty((len(seen), network.n_actions), np.float32),
+        np.empty(len(seen), {"int": np.int32, "float": np.float32}[kind]),
+    )
     pointers = [each.ctypes.data_as(ctypes.c_void_p) for each in (seen, values, actions)]
     ctypes.CDLL(str(library)).all(*pointers, len(seen))
     return values, actions
@@ -88,6 +92,26 @@ def test_an_exported_network_is_the_same_to_rounding(tmp_path, format, network):
     sure = first - second > 1e-4
     assert sure.mean() > 0.99
     np.testing.assert_array_equal(actions[sure], network(seen)[sure])
+
+
+@pytest.mark.parametrize("format", READERS)
+def test_an_exported_network_of_curvatures_chooses_the_same(tmp_path, format):
+    if format == "onnx":
+        pytest.importorskip("onnx")
+    if format == "c" and shutil.which("cc") is None:
+        pytest.skip("no C compiler")
+    draw, card = np.random.default_rng(2), {"n_records": 4, "features": 2, "curvature_range": [-1.0, 5.0]}
+    weights = [draw.normal(size=shape) for shape in ((6, 8), (1, 6))]
+    network = Network(weights, [draw.normal(size=6), draw.normal(size=1)], card)
+    seen = np.ascontiguousarray(SEEN[:, :8])
+    path = tmp_path / default_path("steered", format)
+    export_policy(network, path, format)
+    reader = functools.partial(values_in_c, kind="float") if format == "c" else READERS[format]
+    values, chosen = reader(path, network, seen)
+    if format == "json":
+        low, high = json.loads(path.read_text())["card"]["curvature_range"]
+        chosen = (low + high) / 2 + (high - low) / 2 * np.tanh(values[:, 0])
+    np.testing.assert_allclose(np.ravel(chosen), network(seen), rtol=1e-4, atol=1e-4)
 
 
 def test_the_cost_of_a_decision_is_counted():

@@ -12,7 +12,15 @@ from trainers.settings.composition import SettingsError, names_of, settings_from
 from trainers.settings.schema import Settings
 
 EXPERIMENTS = ["linear_n2", "linear_n4", "linear_n8", "varying_speed", "radial"]
-EXPERIMENTS += ["taylor_green_aware", "taylor_green_blind", "crowd_uptake", "race", "shear", "film"]
+EXPERIMENTS += [
+    "taylor_green_aware",
+    "taylor_green_blind",
+    "crowd_uptake",
+    "race",
+    "shear",
+    "film",
+]
+EXPERIMENTS += ["continuous_n4"]
 DEFAULTS = Settings().dotted()
 KEYS = [("dqn", key) for key in DEFAULTS] + [
     ("ppo", key) for key in Settings(algorithm="ppo").dotted() if key.startswith("learning.")
@@ -33,6 +41,7 @@ WRONG_PARTS = {  # of keys that are None or empty by default
     "world.medium": ["abc", 3, [1], {"a": 1}, {"uptake": -1.0}, {"shape": 5}],
     "world.first_arrivals": [value for value in WRONG[int] if value is not None],
     "world.binding_rate": [value for value in WRONG[float] if value is not None],
+    "world.curvature_range": [value for value in WRONG[list] if value is not None],
     "world.units": ["abc", 3, [1], {"a": 1}, ["µm"], ["µm", ""]],
     "world.spread": ["abc", 3, [1], {"a": 1}, {"speed": -1.0}, {"speed": 1.0}],
 }
@@ -117,7 +126,7 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
         ("world._target_=os.system", "settings have no key 'world._target_'"),
         ("_target_=os.system", "settings have no key '_target_'"),
         ("experiment=linear_4", "got 'linear_4'; did you mean 'linear_n4'?"),
-        ("experiment=", "experiment must be one of crowd_uptake"),
+        ("experiment=", "experiment must be one of continuous_n4"),
         ("experiment=[linear_n2,linear_n4]", "experiment must be one of"),
         ("experiment=../../secret", "experiment must be one of"),
         ("recipe=papers", "recipe must be one of paper, swarm, got 'papers'; did you mean 'paper'?"),

@@ -14,7 +14,7 @@ from swarm.torchrl_env import SwarmEnv
 from tests.short_runs import Crash, assert_equal_runs, go_on, short_settings, start, whole
 from tests.trainers.test_cli import elsewhere, run  # noqa: F401
 from trainers.algorithms.networks import seed_mlp
-from trainers.algorithms.ppo import PPO, Sampling, clip_by_seed
+from trainers.algorithms.ppo import PPO, ContinuousSampling, Sampling, clip_by_seed
 from trainers.settings.composition import settings_from
 from trainers.training.loop import Training
 
@@ -34,6 +34,55 @@ def test_actions_are_drawn_by_their_probability():
     assert out["action"].double().mean().item() == pytest.approx(chances[1].item(), abs=0.04)
     taken = chances[out["action"][0]].log()
     torch.testing.assert_close(out["action_log_prob"][0], taken)
+
+
+def test_curvatures_are_drawn_around_the_middle_that_the_network_tells():
+    env = SwarmEnv(1, n_swimmers=4000, seed=0, action="continuous", curvature_range=(-1.0, 5.0))
+    env.restart()
+    network = seed_mlp((8, 2), [0])
+    network[0].bias.data[:] = torch.tensor([0.3, -1.0])
+    uniform = torch.rand(1, 4000, 2, generator=torch.Generator().manual_seed(0))
+    seen = torch.zeros(1, 4000, 8)
+    before = torch.get_rng_state()
+    out = ContinuousSampling(network, env, central=False)(
+        TensorDict({"observation": seen, "uniform": uniform}, (1, 4000))
+    )
+    assert torch.equal(before, torch.get_rng_state())
+    latent = out["latent"].squeeze()
+    assert latent.mean().item() == pytest.approx(0.3, abs=0.02)
+    assert latent.std().item() == pytest.approx(np.exp(-1), abs=0.02)
+    torch.testing.assert_close(out["action"][0], 2 + 3 * latent.tanh())
+    normal = torch.distributions.Normal(0.3, np.exp(-1))
+    torch.testing.assert_close(out["action_log_prob"][0], normal.log_prob(latent))
+
+
+def test_a_policy_of_curvatures_is_one_in_numpy_and_in_every_command():
+    assert run("train", *RUN, "experiment=continuous_n4", "hydra.run.dir=steered")[0] == 0
+    policy = load_policy("steered")
+    assert (policy.n_actions, policy.curvature_range, policy.algorithm) == (1, (3.0, 5.0), "ppo")
+    seen = np.random.default_rng(0).normal(size=(50, 8)).astype(np.float32)
+    by_hand = seen
+    for weight, bias in zip(policy.weights[:-1], policy.biases[:-1], strict=True):
+        by_hand = np.tanh(by_hand @ weight.T + bias)
+    by_hand = 4 + np.tanh(by_hand @ policy.weights[-1].T + policy.biases[-1])
+    np.testing.assert_allclose(policy(seen), by_hand[:, 0], rtol=1e-5)
+    code, out, _ = run("evaluate", "steered", "--cells", 3, "--life", 8)
+    assert code == 0
+    assert {"ppo", "greedy", "swinging", "limit:"} <= {
+        line.split()[0] for line in out.splitlines() if line.strip()
+    }
+    assert run("watch", "steered", "--life", 2, "--cells", 2, "--out", "steered.html")[0] == 0
+    assert run("export", "steered", "--format", "json")[0] == 0
+    code, _, error = run("evaluate", "steered", "--experiment", "linear_n4", "--cells", 2, "--life", 4)
+    assert code != 0
+    assert "the policy takes curvatures of (3.0, 5.0), the world numbers of actions" in error
+
+
+def test_deep_q_learning_refuses_curvatures_in_a_line():
+    code, _, error = run("train", *RUN, "world.action=continuous", "hydra.run.dir=no")
+    assert code != 0
+    assert "world.action must be 'discrete' where dqn learns, which values each action, got" in error
+    assert not Path("no").exists()
 
 
 def test_a_gradient_is_scaled_down_seed_by_seed():
@@ -71,10 +120,13 @@ def test_advantages_bootstrap_when_time_is_up_and_not_after_an_arrival():
     assert advantage[alive].mean().item() == pytest.approx(0, abs=1e-5)
 
 
-@pytest.mark.parametrize("critic", ["own", "central"])
-def test_a_seed_trains_the_same_alone_and_in_a_stack(critic):
+@pytest.mark.parametrize(
+    ("critic", "action"), [("own", "discrete"), ("central", "discrete"), ("own", "continuous")]
+)
+def test_a_seed_trains_the_same_alone_and_in_a_stack(critic, action):
+    options = {"learning": {"critic": critic}, "world": {"action": action}}
     both, alone = (
-        Training(short_settings("ppo", seed=seed, n_seeds=count, learning={"critic": critic}))
+        Training(short_settings("ppo", seed=seed, n_seeds=count, **options))
         for seed, count in ((0, 2), (1, 1))
     )
     for training in (both, alone):
@@ -115,8 +167,9 @@ def test_a_sweep_is_over_algorithms():
     }
 
 
-def test_an_interrupted_run_ends_as_one_that_was_not(tmp_path):
-    settings = short_settings("ppo", checkpoint_every=1)
+@pytest.mark.parametrize("action", ["discrete", "continuous"])
+def test_an_interrupted_run_ends_as_one_that_was_not(tmp_path, action):
+    settings = short_settings("ppo", checkpoint_every=1, n_seeds=2, world={"action": action})
     expected = whole(tmp_path / "whole", settings)
     run = start(tmp_path / "run", settings)
 

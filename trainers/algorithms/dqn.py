@@ -147,6 +147,10 @@ class DQN(Algorithm):
     kept = ("observation", "action", ("collector", "mask"), *(("next", name) for name in REACHED))
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
+        if env.world.is_continuous:
+            raise ValueError(
+                "world.action must be 'discrete' where dqn learns, which values each action, got 'continuous'"
+            )
         learning, world, device = cast(DQNSettings, settings.learning), env.world, env.device
         self.env, self.settings = env, learning
         self.policy = seed_mlp(settings.layers, self.keys("network"), device)

@@ -56,8 +56,25 @@ def memory_of(sizes: Sequence[int], rows: int) -> int:
     return 4 * (7 * parameters + 3 * sum(sizes) * rows)
 
 
+def best(outputs: Tensor, action_range: tuple[float, float] | None) -> Tensor:
+    """The action (...) that outputs (..., m) prefer: the one of the largest, or where actions are curvatures,
+    the curvature that the first output o tells: tanh o between the range's middle and its ends.
+    """
+    if action_range is None:
+        return outputs.argmax(-1)
+    return curvature_at(outputs[..., 0], *action_range)
+
+
+def curvature_at(latent: Tensor, low: float, high: float) -> Tensor:
+    """Curvatures (...) of a range from real numbers (...) [1 / length]."""
+    return 0.5 * (low + high) + 0.5 * (high - low) * latent.tanh()
+
+
 def exported(parameters: Mapping[str, Tensor], place: int, card: dict[str, Any]) -> Network:
     """The network of one of the seeds in an MLP's `state_dict`, as a policy that runs in NumPy."""
     arrays = {name: values[place].detach().cpu().numpy() for name, values in parameters.items()}
     weights = tuple(array.T.copy() for name, array in arrays.items() if name.endswith("weight"))
-    return Network(weights, tuple(array[0] for name, array in arrays.items() if name.endswith("bias")), card)
+    biases = [array[0] for name, array in arrays.items() if name.endswith("bias")]
+    if card.get("curvature_range") is not None:  # what is left to chance in training is not
+        weights, biases = (*weights[:-1], weights[-1][:1]), [*biases[:-1], biases[-1][:1]]
+    return Network(weights, biases, card)

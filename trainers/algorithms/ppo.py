@@ -5,21 +5,22 @@ from typing import Any, cast
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictModuleBase
+from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 from torch.distributions import Categorical
-from torchrl.modules import ProbabilisticActor, ValueOperator
+from torchrl.modules import IndependentNormal, ProbabilisticActor, ValueOperator
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
 from swarm.envs.torchrl import SwarmEnv
 from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at
 from trainers.algorithms.collector import SeedCollector
-from trainers.algorithms.networks import memory_of, seed_mlp
+from trainers.algorithms.networks import best, memory_of, seed_mlp
 from trainers.settings.learning import PPOSettings
 from trainers.settings.schema import Settings
 
-OF_ACTOR = ("observation", "action", "action_log_prob", "advantage")
+OF_ACTOR = ("observation", "action_log_prob", "advantage")
+SPREAD = (-5.0, 2.0)  # of the logarithm of a continuous action's deviation
 OF_CRITIC = ("seen", "value_target", "state_value")
 OF_A_CELL = 5  # numbers of the whole world's state for each cell: place, heading, curvature
 
@@ -60,6 +61,28 @@ class Sampling(TensorDictModuleBase):
         return torch.cat([observation, of_cells.reshape(*observation.shape[:2], -1).float()], dim=-1)
 
 
+class ContinuousSampling(Sampling):
+    """Draws `latent`, a real number for every cell, from a normal distribution; the action is the curvature
+    that it stands for. How probable it was is told of the latent: what `tanh` adds cancels in PPO's ratio.
+    """
+
+    out_keys = ["action", "latent", "action_log_prob", "seen"]
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        normal = IndependentNormal(*middle_and_spread(self.network(tensordict["observation"])))
+        middle, spread = normal.base_dist.loc, normal.base_dist.scale
+        latent = middle + spread * torch.special.ndtri(tensordict["uniform"][..., :1].clamp(1e-6, 1 - 1e-6))
+        action = best(latent, self.env.world.action_range)
+        tensordict.set("action", action).set("latent", latent)
+        tensordict.set("action_log_prob", normal.log_prob(latent))
+        return tensordict.set("seen", self.seen(tensordict["observation"]))
+
+
+def middle_and_spread(outputs: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean and deviation (..., 1) of a continuous action's latent, from a network's outputs (..., 2)."""
+    return outputs[..., :1], outputs[..., 1:].clamp(*SPREAD).exp()
+
+
 class PPO(Algorithm):
     """Decides for every cell by chance, and makes more probable what turned out better than expected."""
 
@@ -71,14 +94,12 @@ class PPO(Algorithm):
         self.env, self.settings = env, learning
         self.policy = seed_mlp(settings.layers, self.keys("network"), env.device)
         self.critic = seed_mlp(layers_of_critic(settings), self.keys("network", 1), env.device)
-        self.sampling = Sampling(self.policy, env, central=learning.critic == "central")
+        continuous = env.world.is_continuous
+        sampling = ContinuousSampling if continuous else Sampling
+        self.sampling = sampling(self.policy, env, central=learning.critic == "central")
         self.collector = SeedCollector(env, self.sampling)
-        actor = ProbabilisticActor(
-            TensorDictModule(self.policy, in_keys=["observation"], out_keys=["logits"]),
-            in_keys=["logits"],
-            distribution_class=Categorical,
-            return_log_prob=True,
-        )
+        self.chosen = "latent" if continuous else "action"
+        actor = actor_of(self.policy, continuous=continuous)
         self.loss = ClipPPOLoss(
             actor,
             ValueOperator(self.critic, in_keys=["seen"]),
@@ -88,6 +109,8 @@ class PPO(Algorithm):
             loss_critic_type="smooth_l1",
             reduction="none",
         )
+        self.loss.set_keys(action=self.chosen, sample_log_prob="action_log_prob")
+        self.distribution = actor.get_dist
         self.advantage = GAE(gamma=learning.discount, lmbda=learning.lam, value_network=None, time_dim=2)
         self.optimiser = fused_adam([*self.policy.parameters(), *self.critic.parameters()])
         self.shuffles = [torch.Generator(env.device or "cpu") for _ in env.seeds]
@@ -127,8 +150,8 @@ class PPO(Algorithm):
 
     def batches(self, rows: TensorDict) -> Iterator[TensorDict]:
         """The decisions (seeds, rows), shuffled anew for each pass, in batches."""
-        chosen = rows.select(*OF_ACTOR, *OF_CRITIC, ("collector", "mask"))
-        places = torch.arange(len(self.shuffles), device=rows["action"].device)[:, None]
+        chosen = rows.select(*OF_ACTOR, self.chosen, *OF_CRITIC, ("collector", "mask"))
+        places = torch.arange(len(self.shuffles), device=rows["seen"].device)[:, None]
         for _ in range(self.settings.passes):
             order = [
                 torch.randperm(rows.shape[1], generator=each, device=each.device) for each in self.shuffles
@@ -157,13 +180,33 @@ class PPO(Algorithm):
     def looked_at(self, rows: TensorDict) -> dict[str, Tensor]:
         """Per seed: the policy's mean entropy [nat], and the part of the returns' variance that the critic
         explained before it learnt from them."""
-        entropy = Categorical(logits=self.policy(rows["observation"])).entropy().mean(-1)
+        entropy = self.distribution(rows.select("observation")).entropy().mean(-1)
         goal = rows["value_target"].squeeze(-1)
         missed = goal - rows["state_value"].squeeze(-1)
         return {"entropy": entropy, "explained": 1 - missed.var(-1) / goal.var(-1).clamp_min(1e-12)}
 
     def tensors(self) -> dict[str, Tensor]:
         return held_by(self.optimiser, policy=self.policy, critic=self.critic)
+
+
+def actor_of(policy: nn.Module, *, continuous: bool) -> ProbabilisticActor:
+    """The policy as the loss reads it."""
+    if not continuous:
+        return ProbabilisticActor(
+            TensorDictModule(policy, in_keys=["observation"], out_keys=["logits"]),
+            in_keys=["logits"],
+            distribution_class=Categorical,
+            return_log_prob=True,
+        )
+    outputs = TensorDictModule(policy, in_keys=["observation"], out_keys=["outputs"])
+    parts = TensorDictModule(middle_and_spread, in_keys=["outputs"], out_keys=["loc", "scale"])
+    return ProbabilisticActor(
+        TensorDictSequential(outputs, parts),
+        in_keys=["loc", "scale"],
+        out_keys=["latent"],
+        distribution_class=IndependentNormal,
+        return_log_prob=True,
+    )
 
 
 def layers_of_critic(settings: Settings) -> tuple[int, ...]:

@@ -117,7 +117,8 @@ class Settings:
     def layers(self) -> tuple[int, ...]:
         """Sizes of the policy's layers, from inputs to outputs."""
         world = self.training_world()
-        return (world.observation_size, *self.learning.hidden, world.n_actions)
+        outputs = 2 if world.is_continuous else world.n_actions  # middle and spread, or a value of each
+        return (world.observation_size, *self.learning.hidden, outputs)
 
     def training_world(self) -> World:
         """The world to learn in."""

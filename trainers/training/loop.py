@@ -189,7 +189,8 @@ class Training:
             "n_records": world.n_records,
             "features": world.features,
             "sensor": described(world.sensor),
-            "n_actions": world.n_actions,
+            "n_actions": 1 if world.is_continuous else world.n_actions,
+            **({"curvature_range": list(world.action_range)} if world.action_range else {}),
             "settings": {name: settings[name] for name in ("world", "learning", "validation", "evaluation")},
             "validation": {
                 "gain": float(self.best_gain[place]),

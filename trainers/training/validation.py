@@ -14,6 +14,7 @@ from swarm.physics.world import World
 from swarm.policies.strategies import Greedy
 from swarm.population.blocks.block import lives
 from swarm.population.results import RIVAL
+from trainers.algorithms.networks import best
 
 
 class Validation:
@@ -48,12 +49,12 @@ class Validation:
 
     @torch.no_grad()
     def gains(self, policy: Callable[[Tensor], Tensor]) -> np.ndarray:
-        """Mean gain (seeds,) of each seed's cells, the action always taken for which `policy` gives the
-        largest number: (seeds, cells, inputs) -> (seeds, cells, actions).
+        """Mean gain (seeds,) of each seed's cells, the action always taken that `policy` prefers, see `best`:
+        (seeds, cells, inputs) -> (seeds, cells, outputs).
         """
         env = self.env
         env.set_seeds(self.seeds)  # the same lives every time
         observation = env.restart()
         while not env.all_finished():
-            observation = env.advance(policy(observation).argmax(-1)).observation
+            observation = env.advance(best(policy(observation), self.world.action_range)).observation
         return env.gain().double().mean(-1).cpu().numpy()

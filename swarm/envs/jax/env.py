@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gymnasium.spaces import Box, Discrete
+from gymnasium.spaces import Box
 from jax.custom_batching import custom_vmap
 
 from swarm._support.arrays import join
 from swarm._support.checks import check_count, check_name
+from swarm.envs.actions import action_space
 from swarm.envs.arena import make_world, told, with_parameters
 from swarm.physics.motion.arc import Pose, components
 from swarm.physics.motion.swimmer import Way
@@ -82,7 +83,7 @@ class JaxSwarmEnv:
             raise ValueError("dtype must be 'float32' unless jax_enable_x64 is on, got 'float64'")
         bounds = self.world.observation_bounds
         self.single_observation_space = Box(-bounds, bounds, dtype=np.float32)
-        self.single_action_space = Discrete(self.world.n_actions)
+        self.single_action_space = action_space(self.world)
         self._reset, self._step = _whole(self._begun), _whole(self._stepped)
         draw_starts(self.world, self.n_swimmers, 0)  # raises where the box leaves no room
         self._check_traced()
@@ -100,8 +101,8 @@ class JaxSwarmEnv:
 
     @functools.partial(jax.jit, static_argnums=0)
     def step(self, key: Array, state: EnvState, action: Array) -> Step:
-        """One decision of every cell, `action` (cells,) whole numbers 0 … m − 1; where all have finished, the
-        next life begins.
+        """One decision of every cell, `action` (cells,) whole numbers 0 … m − 1, or curvatures (cells,) or
+        (cells, 1) where these are the actions; where all have finished, the next life begins.
         """
         return self._step(_typed(key), state, action)
 
@@ -142,6 +143,8 @@ class JaxSwarmEnv:
     def _advanced(self, key: Array, state: EnvState, action: Array) -> Step:
         world, alive = self.world, ~state.cells.finished
         noise = _each(lambda one: self._noise(jax.random.fold_in(one, 0)), key) if world.has_noise else None
+        if world.is_continuous and action.ndim > alive.ndim:
+            action = action[..., 0]
         cells, outcome = world.step(state.cells, action, noise, self._way(state.cells, action, noise))
         decision = state.decision + 1
         terminated, truncated = outcome.terminated & alive, outcome.truncated & alive
@@ -225,7 +228,8 @@ class JaxSwarmEnv:
 
     def _check_traced(self) -> None:
         """Raises TypeError where JAX cannot trace a decision, or states would change their types."""
-        key, action = jax.random.key(0), jax.ShapeDtypeStruct((self.n_swimmers,), jnp.int32)
+        kind = self.dtype if self.world.is_continuous else jnp.int32
+        key, action = jax.random.key(0), jax.ShapeDtypeStruct((self.n_swimmers,), kind)
         parts = ", ".join(f"{name}={getattr(self.world, name)!r}" for name in ("field", "flow"))
         rule = f"world must compute with JAX's arrays alone, got {parts}"
         try:

@@ -33,7 +33,9 @@ class JaxMARLSwarm(MultiAgentEnv):
         self.agents = [f"swimmer_{i}" for i in range(self.num_agents)]
         box = self.env.single_observation_space
         seen = spaces.Box(box.low, box.high, box.shape)
-        chosen = spaces.Discrete(int(self.env.single_action_space.n))
+        world = self.env.world
+        ends = world.action_range
+        chosen = spaces.Discrete(world.n_actions) if ends is None else spaces.Box(*ends, (1,))
         self.observation_spaces = dict.fromkeys(self.agents, seen)
         self.action_spaces = dict.fromkeys(self.agents, chosen)
 
@@ -65,7 +67,8 @@ class JaxMARLSwarm(MultiAgentEnv):
 
     def get_avail_actions(self, state: EnvState) -> ByAgent:
         """Every action, always."""
-        every = jnp.ones((self.num_agents, self.env.world.n_actions), bool)
+        count = 1 if self.env.world.is_continuous else self.env.world.n_actions
+        every = jnp.ones((self.num_agents, count), bool)
         return self._by_agent(every)
 
     @property

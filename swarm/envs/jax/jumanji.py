@@ -48,7 +48,7 @@ class JumanjiSwarm(Environment):
         self.env = JaxSwarmEnv(n_swimmers, **parameters)
         self.num_agents = self.env.n_swimmers
         self.time_limit = self.env.max_steps
-        self.action_dim = self.env.world.n_actions
+        self.action_dim = 1 if self.env.world.is_continuous else self.env.world.n_actions
         super().__init__()
 
     def __repr__(self) -> str:
@@ -97,8 +97,10 @@ class JumanjiSwarm(Environment):
         )
 
     @cached_property
-    def action_spec(self) -> specs.MultiDiscreteArray:
-        """An action for every cell."""
+    def action_spec(self) -> specs.Array:
+        """An action for every cell: (cells,), of curvatures (cells, 1)."""
+        if (ends := self.env.world.action_range) is not None:
+            return specs.BoundedArray((self.num_agents, 1), jnp.float32, *ends, "action")
         return specs.MultiDiscreteArray(jnp.full(self.num_agents, self.action_dim, jnp.int32), name="action")
 
     @cached_property

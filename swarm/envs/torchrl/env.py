@@ -15,7 +15,7 @@ from swarm._support import streams
 from swarm._support.arrays import where_chosen
 from swarm._support.checks import check_count, check_flag, check_name
 from swarm.envs.arena import RENDER_FPS, RENDER_MODES, make_world, no_medium, told, with_parameters
-from swarm.envs.torchrl.specs import check_actions, specs_of
+from swarm.envs.torchrl.specs import checked, specs_of
 from swarm.envs.torchrl.worlds import Worlds
 from swarm.physics.world import World
 
@@ -139,8 +139,7 @@ class SwarmEnv(Worlds, EnvBase):
         return self._pack(observation, self.gain(), done)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
-        action = tensordict[GROUP, "action"]
-        check_actions(action, self.world.n_actions, (self.n_worlds, self.n_swimmers))
+        action = checked(self.world, tensordict[GROUP, "action"], (self.n_worlds, self.n_swimmers))
         result, gain = self._advance(action)
         assert self._state is not None
         done = self._tensor(self._state.finished)[..., None]

@@ -45,19 +45,29 @@ def specs_of(
     )
     if with_state:
         observation["state"] = Unbounded(shape=(*shape, 4), **numbers)
-    action = Categorical(world.n_actions, shape=shape, dtype=torch.int64, device=device)
+    if world.action_range is None:
+        action: Any = Categorical(world.n_actions, shape=shape, dtype=torch.int64, device=device)
+    else:
+        action = Bounded(*world.action_range, shape=(*shape, 1), **numbers)
     ends = {name: Binary(shape=(shape[0], 1), **flag) for name in ENDS}
     reward = grouped(reward=Unbounded(shape=(*shape, 1), **numbers))
     return Specs(observation, grouped(action=action), reward, Composite(ends, shape=shape[:1]))
 
 
-def check_actions(action: torch.Tensor, known: int, shape: tuple[int, int]) -> None:
-    """Raises TypeError or ValueError unless all actions are whole numbers below `known`, (worlds, cells)."""
-    rule = f"actions must be whole numbers from 0 to {known - 1} of shape {shape}"
-    if action.is_floating_point() or action.dtype == torch.bool:
+def checked(world: World, action: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+    """The actions (worlds, cells), which as curvatures may be (worlds, cells, 1); raises TypeError or
+    ValueError unless all are of the world.
+    """
+    low, high = world.action_range or (0, world.n_actions - 1)
+    kind = "curvatures" if world.is_continuous else "whole numbers"
+    rule = f"actions must be {kind} from {low:g} to {high:g} of shape {shape}"
+    if action.is_floating_point() != world.is_continuous or action.dtype == torch.bool:
         raise TypeError(f"{rule}, got {action.dtype}")
+    if world.is_continuous and tuple(action.shape) == (*shape, 1):
+        action = action.squeeze(-1)
     if tuple(action.shape) != shape:
         raise ValueError(f"{rule}, got the shape {tuple(action.shape)}")
-    low, high = (int(number) for number in action.aminmax())
-    if low < 0 or high >= known:
-        raise ValueError(f"{rule}, got {low if low < 0 else high}")
+    ends = torch.stack(action.aminmax())
+    if not (right := world.is_action(ends)).all():
+        raise ValueError(f"{rule}, got {ends[~right][0].item():g}")
+    return action

@@ -63,7 +63,8 @@ def comparison(
     looks = style.looks(chosen)
     for axes, name in zip(lanes, chosen, strict=True):
         _curvature_lane(axes, results.sel(policy=name).isel(cell=cell), world, looks[name], window)
-        axes.set_ylim(top=world.curvatures[-1] + (0.3 + 0.08 * len(chosen)) * np.ptp(world.curvatures))
+        least, most = world.curvature_bounds
+        axes.set_ylim(top=most + (0.3 + 0.08 * len(chosen)) * (most - least))
     lanes[-1].set_xlabel("time $t$")
     path, gain = figure.add_subplot(columns[1]), figure.add_subplot(columns[2])
     _paths_panel(path, results, world, looks, cell, window if enlarged else None)
@@ -78,9 +79,9 @@ def _curvature_lane(
     time, curvature = life["time"].values, life["curvature"].values
     shown = np.isfinite(time) & (time <= window[1] + 2 * max(world.intervals))
     axes.stairs(curvature[shown][1:], time[shown], baseline=None, color=look.colour, linewidth=1.2)
-    least, most = world.curvatures[0], world.curvatures[-1]
+    least, most = world.curvature_bounds
     axes.set(xlim=window, ylim=(least - 0.25 * (most - least), most))
-    axes.set(yticks=world.curvatures, ylabel=r"$\kappa$")
+    axes.set(yticks=world.action_range or world.curvatures, ylabel=r"$\kappa$")
     where: dict[str, Any] = {"transform": axes.transAxes, "ha": "right", "va": "top", "fontsize": 8}
     axes.text(0.99, 0.98, look.label, color=look.colour, **where)
 

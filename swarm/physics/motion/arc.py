@@ -40,7 +40,7 @@ def arc(curvature: Array, speed: Array, duration: Array) -> Motion:
     length = speed * duration
     half = 0.5 * (curvature * length)  # half of the turn [rad]
     sine, cosine = xp.sin(half), xp.cos(half)
-    straight = xp.abs(half) < 1e-5  # there sin(h)/h is 1 to rounding
+    straight = xp.abs(half) < 1e-8  # there sin(h)/h is 1 to rounding
     chord = length * xp.where(
         straight, xp.ones_like(half), sine / xp.where(straight, xp.ones_like(half), half)
     )
@@ -85,8 +85,11 @@ def along_arc(pose: Pose, motion: Motion) -> Pose:
 
 
 def centre_of_curvature(pose: Pose, curvature: Array) -> Array:
-    """Centre (..., 2) of the circle a cell swims on: r + n/κ."""
-    return pose.position + left_of(pose.heading) / curvature[..., None]
+    """Centre (..., 2) of the circle a cell swims on: r + n/κ; NaN where it swims straight on."""
+    xp = namespace(curvature)
+    turning = curvature != 0
+    radius = 1 / xp.where(turning, curvature, xp.full_like(curvature, math.nan))
+    return pose.position + left_of(pose.heading) * radius[..., None]
 
 
 def length_of(vector: Array) -> Array:
@@ -130,7 +133,7 @@ def arrival(pose: Pose, curvature: Array, length: Array, point: tuple[float, flo
     aside = pose.heading[..., 0] * start[..., 1] - pose.heading[..., 1] * start[..., 0]  # seen to the left
     squared = start[..., 0] ** 2 + start[..., 1] ** 2
     # half of what distance² changes in a turn φ: rise sin φ + shift (1 − cos φ)
-    straight = xp.abs(curvature * length) < 1e-6
+    straight = xp.abs(curvature * length) < 1e-3
     kappa = xp.where(straight, xp.ones_like(curvature), curvature)
     rise, shift = ahead / kappa, (1 / kappa + aside) / kappa
     missing = 0.5 * (radius**2 - squared) - shift  # = rise sin φ − shift cos φ at the arrival
@@ -142,11 +145,17 @@ def arrival(pose: Pose, curvature: Array, length: Array, point: tuple[float, flo
     sense = xp.sign(kappa)
     turns = [xp.remainder(sense * (candidate - phase), 2 * math.pi) for candidate in (angle, math.pi - angle)]
     turn = xp.minimum(*turns) / xp.where(length > 0, xp.abs(kappa) * length, xp.ones_like(length))
-    root = ahead * ahead + radius**2 - squared
-    line = -ahead - xp.sqrt(xp.where(root > 0, root, xp.zeros_like(root)))
-    line = line / xp.where(length > 0, length, xp.ones_like(length))
+    # Where the arc is nearly straight, u = 2 tan(φ/2)/κ solves a u² + 2 ahead u + outside = 0.
+    outside = squared - radius**2
+    a = 1 + curvature * aside + 0.25 * curvature * curvature * outside
+    root = ahead * ahead - a * outside
+    denominator = xp.sqrt(xp.where(root > 0, root, xp.zeros_like(root))) - ahead
+    there = (root >= 0) & (denominator > 0)
+    line = outside / xp.where(there, denominator, xp.ones_like(denominator))
+    bend = (0.5 * curvature * line) ** 2  # length = 2 atan(κ u/2)/κ
+    line = line * (1 - bend / 3 + bend * bend / 5) / xp.where(length > 0, length, xp.ones_like(length))
     part = xp.where(straight, line, turn)
-    reached = xp.where(straight, (root >= 0) & (line >= 0), reached) & (part <= 1) & (length > 0)
+    reached = xp.where(straight, there, reached) & (part <= 1) & (length > 0)
     part = xp.where(squared <= radius**2, xp.zeros_like(part), part)
     return xp.where(reached | (squared <= radius**2), part, xp.full_like(part, math.inf))
 

@@ -65,6 +65,7 @@ class Swimmer:
     spacing: float | None = None  # of the places on paths in a flow that are wanted too [time]
     interactions: tuple[Interaction, ...] = ()
     spread: Spread | None = None  # of speeds and curvatures over cells
+    range: tuple[float, float] | None = None  # of curvatures that are actions themselves [1 / length]
 
     @cached_property
     def company(self) -> Company | None:
@@ -77,7 +78,8 @@ class Swimmer:
         """Largest turn [rad], length and duration of an interval."""
         wider = (1.0, 1.0) if self.spread is None else self.spread.largest
         lengths = [speed * time for speed, time in zip(self.speeds, self.clock.intervals, strict=True)]
-        turns = [kappa * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
+        largest = max(map(abs, self.range or ()), default=0.0)
+        turns = [max(kappa, largest) * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
         return max(turns) * wider[0] * wider[1], max(lengths) * wider[0], max(self.clock.intervals)
 
     @cached_property
@@ -120,10 +122,17 @@ class Swimmer:
         """Curvature (..., cells) of the arcs that are swum: as chosen, by the cell's own factor, and its
         perturbation [1 / length].
         """
-        chosen = look_up(as_array(np.asarray(self.curvatures), like), action)
+        chosen = self._chosen(action, like)
         if factors is not None:
             chosen = chosen * factors[..., 1]
         return chosen if kick is None else chosen + kick
+
+    def _chosen(self, action: Array, like: Array) -> Array:
+        """Curvature (..., cells) of an action [1 / length]."""
+        if self.range is None:
+            return look_up(as_array(np.asarray(self.curvatures), like), action)
+        xp = namespace(like)
+        return xp.clip(xp.astype(action, like.dtype, copy=False), *self.range)
 
     def next_interval(
         self,
@@ -148,13 +157,16 @@ class Swimmer:
             motion = self._motion(self.swum_curvature(action, kick, like, factors), speed, length)
             chosen = self.swum_curvature(action, None, like)
             return Interval(count, motion, length, speed, self.normal_curvature(chosen))
-        tables = self.tables(like)
-        count, column = self.clock.next_column(count, action, tables.ticks, over)
+        tables, steered = self.tables(like), self.range is not None
+        number = namespace(count).zeros_like(count) if steered else action  # all intervals are alike
+        count, column = self.clock.next_column(count, number, tables.ticks, over)
         rows = look_up(tables.rows, column)
         curvature, length, speed = rows[0, ...], rows[1, ...], rows[2, ...]
         if factors is not None:
             speed = speed * factors[..., 0]
-        if kick is not None or factors is not None:
+        if steered:
+            curvature = self.normal_curvature(self._chosen(action, like))
+        if steered or kick is not None or factors is not None:
             motion = self._motion(self.swum_curvature(action, kick, like, factors), speed, length)
             return Interval(count, motion, length, speed, curvature)
         parts = rows[3:, ...]

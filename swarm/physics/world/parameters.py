@@ -36,6 +36,7 @@ from swarm.physics.motion.swimmer import Swimmer
 from swarm.physics.perception import Memory, MemoryWithFlow, Sensor, check_sensor
 from swarm.physics.rewards import Reward, check_reward
 from swarm.physics.world import rules
+from swarm.physics.world.actions import ACTIONS, Actions, check_range
 from swarm.physics.world.scale import check_scale
 
 Array = Any
@@ -44,7 +45,7 @@ DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
 
 
 @dataclass(frozen=True)
-class Parameters(Checked):
+class Parameters(Actions, Checked):
     """Parameters of a world; the paper's values are the defaults. They check themselves when made.
 
     A field, a flow, a sensor or a reward is an object, its name, or `{"type": name, parameter: value, …}`.
@@ -88,6 +89,9 @@ class Parameters(Checked):
     units: tuple[str, str] | None = parameter(
         None, optional(rules.check_units)
     )  # of length and time, told in results
+    # what a cell chooses: one of `curvatures`, or any curvature of the range, by default from κ₁ to κ_m
+    action: str = parameter("discrete", check_name, known=ACTIONS)
+    curvature_range: tuple[float, float] | None = parameter(None, optional(check_range))  # [1 / length]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,6 +101,7 @@ class Parameters(Checked):
         if self.sense_flow and not senses_flow:
             raise ValueError(f"sense_flow must go with the sensor memory_with_flow, got {self.sensor!r}")
         object.__setattr__(self, "sense_flow", senses_flow)
+        self._check_actions()
         rules.check_length_units(self.units, self.field, self.flow)
         for part in (self.sensor, self.reward):
             if hasattr(part, "check"):
@@ -142,7 +147,7 @@ class Parameters(Checked):
                 start_box=self.box,
                 interval=max(self.intervals),
                 speed=self.fastest,
-                curvature=self.curvatures[-1] * (1.0 if self.spread is None else self.spread.largest[1]),
+                curvature=self.largest_curvature * (1.0 if self.spread is None else self.spread.largest[1]),
             )
 
     @classmethod
@@ -175,11 +180,6 @@ class Parameters(Checked):
             item.name: rules.as_data(item.name, getattr(self, item.name)) for item in dataclasses.fields(self)
         }
 
-    @cached_property
-    def n_actions(self) -> int:
-        """m, the number of curvatures."""
-        return len(self.curvatures)
-
     @property
     def box(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Where starts are drawn: `start_box`, else the flow's `box` or one period of it, else the field's,
@@ -203,23 +203,6 @@ class Parameters(Checked):
     def observation_size(self) -> int:
         """N_T · features."""
         return self.n_records * self.features
-
-    @cached_property
-    def mean_curvature(self) -> float:
-        """κ̄ [1 / length]."""
-        return 0.5 * (self.curvatures[0] + self.curvatures[-1])
-
-    @cached_property
-    def action_speeds(self) -> tuple[float, ...]:
-        """Speed with each action [length / time]."""
-        if not self.varying_speed:
-            return (self.speed,) * self.n_actions
-        return tuple(float(v) for v in np.linspace(*self.speeds, self.n_actions))
-
-    @property
-    def fastest(self) -> float:
-        """The highest speed of any cell [length / time]."""
-        return max(self.action_speeds) * (1.0 if self.spread is None else self.spread.largest[0])
 
     @property
     def periods(self) -> tuple[float, ...]:
@@ -246,7 +229,7 @@ class Parameters(Checked):
     def swimmer(self) -> Swimmer:
         """What each action does."""
         spacing = self.time_step if self.egg is not None else None  # of the places where its path is tested
-        shared = self.interactions, self.spread
+        shared = self.interactions, self.spread, self.action_range
         return Swimmer(self.curvatures, self.action_speeds, self.clock, self.flow, spacing, *shared)
 
     @cached_property
@@ -267,18 +250,6 @@ class Parameters(Checked):
         return max(*noise, self.curvature_diffusion) > 0 or self.binding_rate is not None
 
     @cached_property
-    def curvature_spreads(self) -> tuple[float, ...]:
-        """Standard deviation of the curvature swum with each action [1 / length].
-
-        A kick of the curvature turns the heading by v ΔT times as much: with the variance 2 D / (v² ΔT) that
-        is a variance of 2 D ΔT in an interval, so 2 D t in a time t however often cells decide, as rotational
-        diffusion has it. That of `curvature_noise`, which is the same for each N_T, is added.
-        """
-        pairs = zip(self.action_speeds, self.intervals, strict=True)
-        variances = (2 * self.curvature_diffusion / (v * v * interval) for v, interval in pairs)
-        return tuple(math.sqrt(self.curvature_noise**2 + each) for each in variances)
-
-    @cached_property
     def in_flow(self) -> bool:
         """Whether there is a flow to integrate."""
         return not isinstance(self.flow, StillWater)
@@ -287,12 +258,6 @@ class Parameters(Checked):
     def is_steady(self) -> bool:
         """Whether neither field nor flow changes with time."""
         return not any(hasattr(part, "at") for part in (self.field, self.flow))
-
-    @cached_property
-    def reward_scale(self) -> float:
-        """Reward per change of a normalised record: c_k/κ̄ over N_T c_k |1/κ₁ − 1/κ_m|."""
-        contrast = abs(1 / self.curvatures[0] - 1 / self.curvatures[-1])
-        return 1 / (self.mean_curvature * self.n_records * contrast)
 
     @cached_property
     def record_scale(self) -> float:
@@ -323,7 +288,3 @@ class Parameters(Checked):
             rule = f"sensor.bounds must be a number for each of {', '.join(self.sensor.names)}"
             raise ValueError(f"{rule}, got {bounds}")
         return np.tile(np.array(bounds, np.float32), self.n_records)
-
-    def normal_curvature(self, curvature: Array) -> Array:
-        """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""
-        return self.swimmer.normal_curvature(curvature)

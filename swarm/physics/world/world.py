@@ -122,7 +122,8 @@ class World(Parameters):
         """One decision of every cell, whatever its length; a finished cell stays where it is, and one that
         leaves the domain where it was before: fields and flows are not asked outside.
 
-        `action` (..., cells) whole numbers 0 … m − 1; `noise` (..., cells, 3) standard normal numbers, needed
+        `action` (..., cells) whole numbers 0 … m − 1, in a world of continuous actions curvatures, of which
+        those outside the range count as its ends; `noise` (..., cells, 3) standard normal numbers, needed
         when a perturbation is on, and with a `binding_rate` a fourth of uniform ones; a `Way` is swum in
         place of the action's. Pure: `state` is left as it was.
         """
@@ -156,7 +157,8 @@ class World(Parameters):
             check_noise(self, state, noise)
         kick = self.curvature_noise * noise[..., 1] if self.curvature_noise > 0 else None
         if self.curvature_diffusion > 0:
-            kick = look_up(as_array(np.asarray(self.curvature_spreads), noise), action) * noise[..., 1]
+            spreads = as_array(np.asarray(self.curvature_spreads), noise)
+            kick = (spreads[0] if self.is_continuous else look_up(spreads, action)) * noise[..., 1]
         over = state.finished if self._ends_early or not self.clock.has_common_tick else None
         given = over, kick, state.position, state.factors
         return self.swimmer.next_interval(state.clock, action, *given), kick
@@ -252,11 +254,6 @@ class World(Parameters):
         """Heading θ (..., cells) in (−π, π] [rad]."""
         xp = namespace(state.heading)
         return xp.atan2(state.heading[..., 1], state.heading[..., 0])
-
-    def curvature(self, state: State) -> Array:
-        """Curvature (..., cells) used during the interval that ended now [1 / length]."""
-        contrast = 0.5 * (self.curvatures[-1] - self.curvatures[0])
-        return state.memory[..., 0, 1] * contrast + self.mean_curvature
 
     @cached_property
     def _ends_early(self) -> bool:

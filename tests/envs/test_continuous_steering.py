@@ -1,0 +1,144 @@
+"""Continuous steering on every face: the same lives, spaces that say so, and errors that change nothing."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+
+import swarm
+from swarm.envs.conformance import check_seeds
+from swarm.torchrl_env import SwarmEnv
+
+torch = pytest.importorskip("torch")
+
+STEERED = {"action": "continuous", "curvature_range": (-1.0, 5.0), "life": 4.0}
+WORLDS = [{}, {"flow": "taylor_green", "sense_flow": True}, {"field": "radial", "curvature_noise": 0.1}]
+CELLS = 3
+
+
+def curvatures(decision):
+    return np.random.default_rng(decision).uniform(-1, 5, CELLS).astype(np.float32)
+
+
+@pytest.mark.parametrize("options", WORLDS, ids=str)
+def test_all_faces_live_the_same_lives(options):
+    settings = STEERED | options
+    parallel = swarm.parallel_env(CELLS, **settings)
+    vector = swarm.SpermSwarmVector(CELLS, autoreset_mode="Disabled", **settings)
+    torchrl = SwarmEnv(1, n_swimmers=CELLS, dtype="float64", return_state=True, **settings)
+    parallel.reset(seed=5)
+    vector.reset(seed=5)
+    torchrl.set_seed(5)
+    held = torchrl.reset()
+    np.testing.assert_allclose(held["state"][0], parallel.state(), rtol=1e-6)
+    for decision in range(5):
+        chosen = curvatures(decision)
+        seen, reward, *_ = parallel.step({f"swimmer_{i}": each[None] for i, each in enumerate(chosen)})
+        others, earned, *_ = vector.step(chosen[:, None])
+        held["swimmers", "action"] = torch.from_numpy(chosen)[None, :, None]
+        held = torchrl.step(held)["next"]
+        np.testing.assert_array_equal(np.stack(list(seen.values())), others)
+        np.testing.assert_array_equal(np.array(list(reward.values())), earned)
+        np.testing.assert_allclose(held["swimmers", "observation"][0], others, atol=1e-6)
+        np.testing.assert_array_equal(parallel.state(), vector.state())
+        np.testing.assert_allclose(parallel.state()[:, 3], chosen)
+        np.testing.assert_allclose(held["state"][0], parallel.state(), rtol=1e-5, atol=1e-6)
+        assert parallel.state() in parallel.state_space
+
+
+def test_one_cell_lives_as_swimmer_0_does():
+    alone = gymnasium.make("chemoswarm/SpermSwarm-v0", **STEERED).unwrapped
+    together = swarm.parallel_env(1, **STEERED)
+    alone.reset(seed=2)
+    together.reset(seed=2)
+    for action in (np.array([-1.0], np.float32), 0.0, 3):
+        together.step({"swimmer_0": action})
+        alone.step(action)
+    np.testing.assert_array_equal(alone.state(), together.state())
+
+
+def test_spaces_are_boxes_over_the_range():
+    parallel, vector = swarm.parallel_env(CELLS, **STEERED), swarm.SpermSwarmVector(CELLS, **STEERED)
+    box = Box(-1.0, 5.0, (1,), np.float32)
+    assert parallel.action_space("swimmer_1") == vector.single_action_space == box
+    assert vector.action_space.shape == (CELLS, 1)
+    spec = SwarmEnv(2, n_swimmers=CELLS, **STEERED).full_action_spec["swimmers", "action"]
+    assert spec.shape == (2, CELLS, 1)
+    assert (spec.space.low.unique().item(), spec.space.high.unique().item()) == (-1, 5)
+    assert swarm.parallel_env(1, action="continuous").action_space("swimmer_0") == Box(
+        3.0, 5.0, (1,), np.float32
+    )
+
+
+@pytest.mark.parametrize(
+    ("action", "error", "message"),
+    [
+        (5.1, ValueError, "the action of swimmer_1 must be a curvature from -1 to 5, got 5.1"),
+        (float("nan"), ValueError, "must be a curvature from -1 to 5, got nan"),
+        (None, TypeError, "must be a curvature from -1 to 5, got None"),
+        ("3", TypeError, "must be a curvature from -1 to 5, got '3'"),
+        (np.zeros(2), TypeError, "must be a curvature from -1 to 5, got array"),
+    ],
+)
+def test_what_is_no_curvature_is_refused_and_nothing_changes(action, error, message):
+    env = swarm.parallel_env(2, **STEERED)
+    env.reset(seed=0)
+    before = env.state()
+    with pytest.raises(error, match=message):
+        env.step({"swimmer_0": 4.0, "swimmer_1": action})
+    np.testing.assert_array_equal(env.state(), before)
+
+
+@pytest.mark.parametrize(
+    ("actions", "error", "message"),
+    [
+        ([[4.0], [9.0]], ValueError, "actions must be 2 curvatures from -1 to 5, got 9.0 for swimmer_1"),
+        ([[4.0, 1.0]], ValueError, r"got shape \(1, 2\)"),
+        ([True, False], TypeError, "actions must be 2 curvatures from -1 to 5, got bool"),
+    ],
+)
+def test_arrays_of_other_things_are_refused(actions, error, message):
+    env = swarm.SpermSwarmVector(2, **STEERED)
+    env.reset(seed=0)
+    with pytest.raises(error, match=message):
+        env.step(np.array(actions))
+
+
+def test_tensors_of_other_things_are_refused():
+    env = SwarmEnv(1, n_swimmers=2, **STEERED)
+    held = env.reset()
+    for action, error in (
+        (torch.ones(1, 2, 1, dtype=torch.int64), TypeError),
+        (torch.full((1, 2, 1), 6.0), ValueError),
+    ):
+        with pytest.raises(error, match=r"actions must be curvatures from -1 to 5 of shape \(1, 2\), got"):
+            env.step(held.set(("swimmers", "action"), action))
+
+
+def test_seeds_decide_everything():
+    check_seeds(lambda: swarm.parallel_env(2, **STEERED), steps=30)
+
+
+def test_stable_baselines3_learns():
+    pytest.importorskip("stable_baselines3", exc_type=ImportError)
+    from stable_baselines3 import PPO
+
+    from swarm.envs.stable_baselines3 import SpermSwarmVecEnv
+
+    env = SpermSwarmVecEnv(CELLS, **STEERED)
+    PPO("MlpPolicy", env, n_steps=8, batch_size=8, n_epochs=1, seed=0, device="cpu").learn(48)
+    _, _, done, infos = env.step(np.full((CELLS, 1), 4.0, np.float32))
+    assert len(infos) == len(done) == CELLS
+
+
+def test_a_policy_of_the_observation_may_choose_curvatures():
+    world = swarm.World(**STEERED)
+    chosen = swarm.FromObservation(lambda seen: np.clip(3 + seen[..., 0], -1, 5))
+    found = swarm.population_test(world, {"own": chosen}, cells=3, life=4)
+    assert len(np.unique(found["curvature"].sel(policy="own").values[:, 1:])) > 20
+    with pytest.raises(ValueError, match=r"actions must lie in -1 … 5, got 7"):
+        swarm.population_test(
+            world, {"own": swarm.FromObservation(lambda seen: 7 + 0 * seen[..., 0])}, cells=1
+        )
+    with pytest.raises(ValueError, match="actions must be curvatures, one for each cell"):
+        swarm.population_test(world, {"own": swarm.FromObservation(lambda seen: np.zeros(1, int))}, cells=1)
