@@ -100,20 +100,16 @@ class Optimal:
         problem, cells = self._problem, tuple(state.clock.shape)
         pose = Pose(*(_numpy(part).reshape(-1, 2) for part in state.pose))
         left = problem.life_ticks - _numpy(state.clock).reshape(-1).astype(np.int64)
-<<<<<<< HEAD
         found = [_score(problem, self._tables, pose, left, action) for action in range(len(problem.ticks))]
         return np.reshape(found, (-1, *cells))
 
     def act(self, world: World, state: State, uniform: Array | None = None) -> Array:
-        """Actions (..., cells)."""
-        action = np.argmax(self.scores(world, state), axis=0)
-=======
-        scores = [_score(problem, self._tables, pose, left, action) for action in range(len(problem.ticks))]
-        action = largest(np.asarray(scores), problem.dense)[1].reshape(cells)
+        """Actions (..., cells); curvatures where they are continuous."""
+        scores, problem = self.scores(world, state), self._problem
+        action = largest(scores.reshape(len(scores), -1), problem.dense)[1].reshape(scores.shape[1:])
         if problem.dense:
             low, high = problem.curvatures[0], problem.curvatures[-1]
             return as_array(low + (high - low) / (len(problem.curvatures) - 1) * action, state.memory)
->>>>>>> main
         return as_array(action, state.clock, dtype=namespace(state.clock).int32)
 
 
