@@ -3,6 +3,7 @@
 import warnings
 
 import pytest
+from gymnasium.spaces import Discrete
 
 from swarm.envs import conformance
 from swarm.envs.conformance import Check, run_check
@@ -42,10 +43,17 @@ def test_all_checks_are_run_in_their_order_and_say_nothing_on_the_terminal(monke
     assert capsys.readouterr().out == ""
 
 
-class _Forgetful:
-    """An environment whose seed decides nothing."""
+class _Toy:
+    """What an environment without steps has."""
 
-    agents = ()
+    agents, possible_agents = (), ("a",)
+
+    def action_space(self, agent):
+        return Discrete(2)
+
+
+class _Forgetful(_Toy):
+    """An environment whose seed decides nothing."""
 
     def __init__(self, numbers):
         self.numbers = numbers
@@ -65,9 +73,7 @@ def test_the_seed_test_notices_what_differs_and_what_does_not():
 def test_the_seed_test_notices_the_use_of_global_generators():
     import random
 
-    class Careless:
-        agents = ()
-
+    class Careless(_Toy):
         def reset(self, seed=None):
             random.random()
             return seed
