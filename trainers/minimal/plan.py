@@ -43,7 +43,9 @@ class MinimalPlan(TrainingPlan):
         object.__setattr__(self, "experiments", tuple(rung(*each) for each in found))
         for case in self.cases:
             world = self.settings(self.recipes[0], rung(case, DQN, 0)).test_world()
-            rule = why_no_limit(world) or ("two curvatures" if world.n_actions != 2 else None)
+            rule = why_no_limit(world) or (
+                "two curvatures" if world.is_continuous or world.n_actions != 2 else None
+            )
             if rule is not None:
                 raise SettingsError(f"the smallest brain must have {rule}; experiment={case}")
 
