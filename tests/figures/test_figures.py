@@ -32,7 +32,13 @@ WORLDS = {
 POLICIES = {"random": Random(), "swinging": Swinging()}
 
 
-@pytest.fixture(scope="module", params=["radial", "flow", "flow and egg", "noise", "plume", "three"])
+def slow(value):
+    return pytest.param(value, marks=pytest.mark.slow)
+
+
+@pytest.fixture(
+    scope="module", params=["radial", slow("flow"), "flow and egg", slow("noise"), "plume", slow("three")]
+)
 def lived(request):
     world = WORLDS[request.param]
     results = population_test(world, POLICIES, cells=4, life=world.life, limit=False)
@@ -61,7 +67,9 @@ def test_every_figure_can_be_drawn_of_every_world(lived):
     assert dict(matplotlib.rcParams) == before
 
 
-@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
+@pytest.mark.parametrize(
+    "kind", ["png", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("pdf", "svg"))]
+)
 def test_the_same_results_give_the_same_bytes_whatever_the_users_own_style(linear, tmp_path, kind):
     before = dict(matplotlib.rcParams)
     for name, draw in drawings(linear, World()):

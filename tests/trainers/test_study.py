@@ -162,6 +162,7 @@ def test_a_study_that_is_stopped_goes_on(trained, monkeypatch):
     assert len(tested) == 7  # equal policies of the grid are tested once
 
 
+@pytest.mark.slow
 def test_figures_show_means_and_intervals_over_seeds_and_cells_and_every_reference_once():
     results = study(written(), Path("out"), **HERE).results
     own, noisy = panels(results, request_of("gain:world.concentration_noise", axes_of(results)))
