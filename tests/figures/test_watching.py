@@ -44,6 +44,7 @@ def test_a_film_has_the_size_that_is_asked_for(tmp_path, suffix):
     assert film_of(path, 150).shape[1:] == (150, 200, 3)
 
 
+@pytest.mark.slow
 def test_a_gif_of_ten_time_units_is_small_and_keeps_its_colours(tmp_path):
     path = tmp_path / "swim.gif"
     watch("greedy", World(life=10.0), out=path)

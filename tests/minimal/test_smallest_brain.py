@@ -90,6 +90,7 @@ def test_networks_of_neat_are_those_of_the_package_and_global_chance_stays_as_it
         np.testing.assert_allclose(np.tanh(ours), np.array(theirs), rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "said"),
     [

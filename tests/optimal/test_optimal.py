@@ -255,6 +255,7 @@ def test_finer_grids_bring_the_limit_nearer_to_its_value_at_third_order():
     assert np.all(orders > 2.5), orders
 
 
+@pytest.mark.slow
 def test_fronts_in_a_fast_flow_do_not_overshoot(coarse):
     world = World(flow=TaylorGreen(speed_scale=0.3), life=20.0)
     starts = draw_starts(world, 100, 0)

@@ -44,6 +44,7 @@ def done(tmp_path_factory):
     return SimpleNamespace(out=folder / "out", published=folder / "published", claims=found)
 
 
+@pytest.mark.slow
 def test_every_training_point_and_figure_is_there(done):
     assert {path.name for path in (done.out / "runs/swarm").iterdir()} == set(TRAININGS)
     names = {path.name.rsplit(".", 2)[0] for path in (done.out / "measured").iterdir()}
@@ -60,6 +61,7 @@ def test_every_training_point_and_figure_is_there(done):
     assert record["trainings"]["crowd_uptake_ppo"]["settings"]["algorithm"] == "ppo"
 
 
+@pytest.mark.slow
 def test_what_is_finished_is_not_done_again(done, monkeypatch):
     def never(point):
         raise AssertionError(f"{point.name} is measured again")
@@ -68,6 +70,7 @@ def test_what_is_finished_is_not_done_again(done, monkeypatch):
     assert reproduce(TINY, done.out) == done.claims
 
 
+@pytest.mark.slow
 def test_policies_to_be_shipped_tell_of_their_tests(done, tmp_path, monkeypatch):
     assert zoo.ship(done.out, tmp_path) == sorted(SHIPPED)
     for name, where in SHIPPED.items():
@@ -78,6 +81,7 @@ def test_policies_to_be_shipped_tell_of_their_tests(done, tmp_path, monkeypatch)
         reproduce(CrowdPlan(quick=True), tmp_path / "quick", ship=True)
 
 
+@pytest.mark.slow
 def test_quick_tests_the_shipped_policies(tmp_path):
     found = reproduce(replace(TINY, quick=True, crowds=((40, 1),), films=1), tmp_path)
     assert not (tmp_path / "runs").exists()

@@ -279,6 +279,7 @@ def test_a_training_that_fails_is_named_and_leaves_no_report(tmp_path):
     assert not (tmp_path / "report.md").exists()
 
 
+@pytest.mark.slow
 def test_quick_tests_the_shipped_policies_and_trains_nothing(shipped, tmp_path, sparing):
     out = tmp_path / "quick"
     found = reproduce(dataclasses.replace(MINIATURE, quick=True), out)
@@ -352,6 +353,7 @@ def test_nothing_is_shipped_where_nothing_is_trained(tmp_path):
         reproduce(Plan(quick=True), tmp_path / "out", ship=True)
 
 
+@pytest.mark.slow
 def test_a_whole_plan_trains_all_seeds_of_every_experiment_under_both_recipes(tmp_path):
     planned = trainings(Plan(), tmp_path)
     assert len(planned) == 14

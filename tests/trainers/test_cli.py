@@ -322,6 +322,7 @@ def test_evaluate_races_policies_against_each_other():
         assert found.sizes["world"] == 8
 
 
+@pytest.mark.slow
 def test_evaluate_keeps_the_noise_that_a_policy_was_trained_with():
     world = {"concentration_noise": 0.25}
     policy(settings={"world": world})

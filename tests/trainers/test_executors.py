@@ -36,7 +36,7 @@ def test_a_task_that_fails_does_not_stop_the_others(workers, capsys):
 
 @pytest.mark.parametrize(
     "death",
-    [pytest.param((os._exit, 7), marks=pytest.mark.slow), (signal.raise_signal, signal.SIGKILL)],
+    [(os._exit, 7), (signal.raise_signal, signal.SIGKILL)],
 )
 def test_a_process_that_is_killed_takes_no_other_with_it(death):
     died, done, waited = run(2, death, (time.sleep, 1.0), (math.sqrt, 4.0))

@@ -56,6 +56,7 @@ def test_curvatures_are_drawn_around_the_middle_that_the_network_tells():
     torch.testing.assert_close(out["action_log_prob"][0], normal.log_prob(latent))
 
 
+@pytest.mark.slow
 def test_a_policy_of_curvatures_is_one_in_numpy_and_in_every_command():
     assert run("train", *RUN, "experiment=continuous_n4", "hydra.run.dir=steered")[0] == 0
     policy = load_policy("steered")
@@ -158,6 +159,7 @@ def test_every_command_tells_a_run_of_ppo_from_one_of_dqn():
     assert {line.split()[0] for line in out.splitlines()[1:]} == {"dqn", "ppo"}
 
 
+@pytest.mark.slow
 def test_a_sweep_is_over_algorithms():
     words = (*RUN, "algorithm=dqn,ppo", "hydra.sweep.dir=both", "hydra/launcher=basic")
     assert run("train", "-m", *words)[0] == 0

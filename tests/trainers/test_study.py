@@ -66,6 +66,7 @@ def written(**changes):
     return Path("mine.yaml")
 
 
+@pytest.mark.slow
 def test_a_dataset_has_the_axes_of_the_file_and_every_number_is_that_of_a_test():
     found = study(written(), Path("out"), **HERE)
     with xr.open_dataset("out/study.nc", engine="h5netcdf") as stored:
@@ -135,6 +136,7 @@ def test_what_is_added_is_trained_and_tested_alone_and_what_is_left_out_stays(tr
     assert len(trained) == 12
 
 
+@pytest.mark.slow
 def test_a_study_that_is_stopped_goes_on(trained, monkeypatch):
     train, test, tested = sweep.train_in, studies.lived, []
 
@@ -182,6 +184,7 @@ def test_figures_show_means_and_intervals_over_seeds_and_cells_and_every_referen
     assert path == Path("out/figures/std-seed-test=own-net=wide.png")
 
 
+@pytest.mark.slow
 def test_worlds_whose_cells_are_coupled_are_the_units_of_intervals():
     keys = dict(each.split("=", 1) for each in EATING) | {"algorithm": "ppo"}
     settings = {key: yaml.safe_load(value.replace(":", ": ")) for key, value in keys.items()}

@@ -90,6 +90,7 @@ def test_the_folder_of_a_sweep_is_one_literal_path(monkeypatch, tmp_path, capsys
     assert f"swarm compare {shlex.quote(str(folder))}/*" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_sweep_tests_its_runs_where_that_is_wanted():
     words = [*WORDS, "evaluate=true", "evaluation.life=2", "evaluation.cells=2", "learning.epochs=1", SERIAL]
     sweep(["seed=0,1", *words])
