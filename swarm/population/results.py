@@ -70,47 +70,28 @@ def as_dataset(
     """Labelled results of every policy's lives: arrays (cells, ...), series (cells, decisions + 1, ...) of so
     many decisions one; with several worlds, each (worlds, cells, ...); frames (frames, ...).
     """
-    import xarray as xr
-
-    worlds = ("world",) * (starts.heading.ndim - 1)
-    own = json.loads(attributes["world"]).get("units")
-    variables: dict[str, Any] = {}
-    for name, values in zip(STARTS, starts[:3], strict=True):
-        dimensions, dtype, units, long_name = STARTS[name]
-        variables[name] = (
-            (*worlds, *dimensions),
-            values.astype(dtype),
-            _labels(in_units(units, own), long_name),
-        )
     measured = next(iter(lives.values()))
     longest = max(life["time"].shape[-1] for life in lives.values()) if "time" in measured else 0
-    for name, (extra, dtype, units, long_name) in {**LIVES, **SERIES}.items():
+    arrays: dict[str, np.ndarray] = {
+        name: values.astype(STARTS[name][1]) for name, values in zip(STARTS, starts[:3], strict=True)
+    }
+    for name, (_, dtype, *_) in {**LIVES, **SERIES, **FRAMES}.items():
         if name not in measured:
             continue
-        along = ("decision",) if name in SERIES else ()
-        axis = starts.heading.ndim
-        stacked = [_padded(life[name], axis, longest) if along else life[name] for life in lives.values()]
-        dimensions = ("policy", *worlds, "cell", *along, *extra)
-        variables[name] = (
-            dimensions,
-            np.stack(stacked).astype(dtype),
-            _labels(in_units(units, own), long_name),
-        )
-    for name in FRAMES.keys() & measured.keys():
-        dimensions, dtype, units, long_name = FRAMES[name]
-        most = max(len(life[name]) for life in lives.values())
-        stacked = [_padded(life[name].astype(dtype), 0, most) for life in lives.values()]
-        variables[name] = ("policy", *dimensions), np.stack(stacked), _labels(in_units(units, own), long_name)
-    coordinates: dict[str, Any] = {
-        "policy": list(lives),
-        "cell": np.arange(starts.heading.shape[-1], dtype=np.int32),
-        "axis": ["x", "y"],
-    }
-    if worlds:
-        coordinates["world"] = np.arange(len(starts.heading), dtype=np.int32)
+        each = [life[name] for life in lives.values()]
+        if name in SERIES:
+            each = [_padded(series, starts.heading.ndim, longest) for series in each]
+        elif name in FRAMES:
+            most = max(map(len, each))
+            each = [_padded(frames.astype(dtype), 0, most) for frames in each]
+        arrays[name] = np.stack(each).astype(dtype)
+    arrays["policy"], arrays["axis"] = np.array(list(lives)), np.array(["x", "y"])
+    arrays["cell"] = np.arange(starts.heading.shape[-1], dtype=np.int32)
+    if starts.heading.ndim > 1:
+        arrays["world"] = np.arange(len(starts.heading), dtype=np.int32)
     if longest:
-        coordinates["decision"] = every * np.arange(longest, dtype=np.int32)
-    return xr.Dataset(variables, coordinates, attributes)
+        arrays["decision"] = every * np.arange(longest, dtype=np.int32)
+    return relabelled(arrays, json.loads(attributes["world"]).get("units")).assign_attrs(attributes)
 
 
 def relabelled(arrays: Mapping[str, np.ndarray], own: Any) -> xr.Dataset:
