@@ -5,7 +5,6 @@ In space an egg whose position is two numbers lies on z = 0.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +13,6 @@ from operator import attrgetter
 from swarm._support.arrays import Array, namespace
 from swarm._support.checks import Checked, check_number, check_point, optional, parameter
 from swarm.physics.fields.field import FIELDS
-from swarm.physics.motion.arc import components
 
 
 @FIELDS.register("radial")
@@ -98,6 +96,9 @@ class DiffusingSource(Checked):
 
 
 def _distance_squared(position: Array, centre: Sequence[float]) -> Array:
-    pairs = itertools.zip_longest(components(position), centre, fillvalue=0.0)
-    first, *others = ((place - middle) for place, middle in pairs)
-    return sum((each * each for each in others), start=first * first)
+    x, y = position[..., 0] - centre[0], position[..., 1] - centre[1]
+    square = x * x + y * y
+    if position.shape[-1] == 2:
+        return square
+    z = position[..., 2] - (0.0 if len(centre) == 2 else centre[2])
+    return square + z * z

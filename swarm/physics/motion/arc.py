@@ -57,7 +57,8 @@ def arc(curvature: Array, speed: Array, duration: Array) -> Motion:
 
 def components(vector: Array) -> tuple[Array, ...]:
     """x, y, … (...) of vectors (..., k)."""
-    return tuple(vector[..., i] for i in range(vector.shape[-1]))
+    x, y = vector[..., 0], vector[..., 1]
+    return (x, y) if vector.shape[-1] == 2 else (x, y, *(vector[..., i] for i in range(2, vector.shape[-1])))
 
 
 def left_of(vector: Array) -> Array:
@@ -102,8 +103,10 @@ def length_of(vector: Array) -> Array:
 
 def squared_length(vector: Array) -> Array:
     """Square (...) of it."""
-    first, *others = components(vector)
-    return sum((each**2 for each in others), start=first**2)
+    total = vector[..., 0] ** 2
+    for i in range(1, vector.shape[-1]):
+        total = total + vector[..., i] ** 2
+    return total
 
 
 def closest_approach(pose: Pose, curvature: Array, length: Array, point: Sequence[float]) -> Array:
