@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 import swarm
+from swarm.physics.flows import ABCFlow, FunctionFlow, ShearAroundSphere, ShearFlow, StillWater, UniformFlow
 from swarm.physics.motion import arc, helix
 from swarm.physics.motion.arc import Pose
+from swarm.physics.motion.collocation import TOLERANCE
+from swarm.physics.motion.helical import HelicalCollocation
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from tests.physics.test_world import functions
@@ -20,8 +23,8 @@ from tests.reference import (
     to_numpy,
 )
 
-CELLS = 12
-PAIRS = [(5.5, 7.7), (7.5, -5.7), (-4.0, 3.0), (3.0, 0.0), (0.0, 4.0), (1e-9, 1e-9), (0.0, 0.0)]
+PAIRS = np.array([(5.5, 7.7), (7.5, -5.7), (-4.0, 3.0), (3.0, 0.0), (0.0, 4.0), (1e-9, 1e-9), (0.0, 0.0)])
+CELLS = len(PAIRS)
 
 
 @pytest.fixture
@@ -32,16 +35,16 @@ def poses(xp):
 
 
 def along(xp, poses, curvature, torsion, speed, duration):
-    numbers = (array(xp, np.full(CELLS, float(each))) for each in (curvature, torsion, speed, duration))
+    numbers = (
+        array(xp, np.broadcast_to(each, CELLS) + 0.0) for each in (curvature, torsion, speed, duration)
+    )
     return helix.along_helix(poses, helix.helix(*numbers))
 
 
 @pytest.mark.parametrize("duration", [0.08, 1.7, -0.3])
-@pytest.mark.parametrize(("curvature", "torsion"), PAIRS)
-def test_in_still_water_the_pose_is_exact(xp, poses, curvature, torsion, duration):
-    after = place_and_frame(along(xp, poses, curvature, torsion, 2.0, duration))
-    start = Pose(*map(to_numpy, poses))
-    expected = reference_in_space(start, curvature, torsion, 2.0, duration)
+def test_in_still_water_the_pose_is_exact(xp, poses, duration):
+    after = place_and_frame(along(xp, poses, *PAIRS.T, 2.0, duration))
+    expected = reference_in_space(Pose(*map(to_numpy, poses)), *PAIRS.T, 2.0, duration)
     np.testing.assert_allclose(after, expected, rtol=0, atol=2e-11)
 
 
@@ -62,16 +65,14 @@ def test_a_full_turn_is_a_pitch_along_the_darboux_axis_and_no_rotation(xp, poses
     np.testing.assert_allclose(half, expected, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("curvature", [5.0, -3.0, 1e-6, 0.0])
-@pytest.mark.parametrize("length", [0.08, 3.0, -0.5])
-def test_without_torsion_it_is_the_arc_of_the_plane(xp, curvature, length):
-    kappa, zero, one = (array(xp, [each]) for each in (curvature, 0.0, 1.0))
-    screw = helix.helix(kappa, zero, one, length * one)
-    (x, ahead), (y, aside) = map(to_numpy, arc.arc(kappa, one, length * one))
-    expected = [[x[0], y[0], 0.0]]
-    np.testing.assert_allclose(to_numpy(screw.displacement), expected, rtol=0, atol=1e-15)
-    heading = to_numpy(helix.tangent(screw.rotation))
-    np.testing.assert_allclose(heading, [[ahead[0], aside[0], 0.0]], rtol=0, atol=1e-15)
+def test_without_torsion_it_is_the_arc_of_the_plane(xp):
+    curvature, length = np.meshgrid([5.0, -3.0, 1e-6, 0.0], [0.08, 3.0, -0.5])
+    kappa, distance, one = (array(xp, each) for each in (curvature, length, np.ones_like(length)))
+    screw = helix.helix(kappa, 0 * one, one, distance)
+    (x, ahead), (y, aside) = map(to_numpy, arc.arc(kappa, one, distance))
+    for found, expected in ((screw.displacement, (x, y)), (helix.tangent(screw.rotation), (ahead, aside))):
+        flat = np.stack([*expected, 0 * x], axis=-1)
+        np.testing.assert_allclose(to_numpy(found), flat, rtol=0, atol=1e-15)
 
 
 def test_frames_turn_as_matrices_do(xp, poses):
@@ -123,6 +124,105 @@ def test_the_closest_approach_is_that_of_a_densely_sampled_helix(xp, pair, turn)
     assert np.all(closest >= np.sqrt(np.maximum(sampled**2 - 1.1 * (step / 2) ** 2, 0)) - 2 * step**2)
 
 
+# --- flows --------------------------------------------------------------------------------------------------
+
+FLOWS = [
+    UniformFlow((0.3, -0.4, 0.2)),
+    ShearFlow(),
+    ShearFlow(3.0, 3.0),
+    ABCFlow(),
+    ABCFlow((1.0, 0.7, 0.4), 1.0),
+    ABCFlow((0.01, 0.0, 0.02), 10.0),
+    ABCFlow((3.0, 3.0, 3.0), 0.3),
+    ShearAroundSphere(),
+    ShearAroundSphere(1.0, rotates=False, radius=0.5, centre=(3.0, 4.0, 5.0)),
+    FunctionFlow(lambda r: 0.3 * np.sin(r[..., [1, 2, 0]]), 0.3, 0.3),
+]
+
+
+def near(flow, duration, cells=16):
+    """Poses of cells, at a sphere as near as they come on a way of `duration` with speed 2."""
+    rng = np.random.default_rng(4)
+    place = rng.uniform(0, 20, (cells, 3))
+    if isinstance(flow, ShearAroundSphere):
+        away = rng.normal(size=(cells, 3))
+        distance = flow.radius + 2 * abs(duration) * rng.uniform(1, 1.5, (cells, 1))
+        place = np.array(flow.centre) + away / np.linalg.norm(away, axis=-1, keepdims=True) * distance
+    return Pose(place, rotations(cells, 5))
+
+
+@pytest.mark.parametrize("flow", FLOWS, ids=lambda flow: type(flow).__name__)
+@pytest.mark.parametrize(("duration", "pair"), [(0.08, (5.5, 7.7)), (0.16, (7.5, -5.7)), (-0.08, (4.0, 0.0))])
+def test_in_a_flow_the_pose_is_within_tolerance_of_the_reference(flow, duration, pair):
+    pose = near(flow, duration)
+    ones = np.ones(len(pose.position))
+    arcs, times = tuple(each * ones for each in pair), (2.0 * ones, duration * ones)
+    turn = 2 * abs(duration) * np.hypot(*pair)
+    scheme = HelicalCollocation.for_interval(flow, turn, 2 * abs(duration), abs(duration))
+    motions = scheme.motions(arcs, *times)
+    after, _ = scheme.swim(pose, motions, *times, scheme.weights, flow)
+    expected = reference_in_space(pose, *pair, *times, flow)
+    error = np.abs(place_and_frame(after) - expected).max()
+    print(f"{flow}: {error:.1e} with {scheme}")
+    assert error < TOLERANCE
+
+
+def test_sweeps_nodes_and_substeps_of_a_strong_flow_converge():
+    flow, pose = ABCFlow((3.0, 2.0, 1.0), 2.0), near(StillWater(), 0.3)
+    ones = np.ones(len(pose.position))
+    arcs, times = (5.5 * ones, 7.7 * ones), (ones, 0.3 * ones)
+    expected = reference_in_space(pose, 5.5, 7.7, *times, flow)
+    errors = []
+    for substeps in (2, 4, 8):
+        scheme = HelicalCollocation(3, 8, substeps)
+        after, _ = scheme.swim(pose, scheme.motions(arcs, *times), *times, scheme.weights, flow)
+        errors.append(np.abs(place_and_frame(after) - expected).max())
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    print(f"errors {errors}, orders {orders}")
+    np.testing.assert_allclose(orders[-1], 6, rtol=0, atol=0.5)  # twice the nodes
+
+
+@pytest.mark.parametrize("flow", [each for each in FLOWS if not isinstance(each, FunctionFlow)], ids=str)
+def test_the_vorticity_is_the_curl_of_a_velocity_without_divergence(xp, flow):
+    place = near(flow, 0.5).position
+    plain = FunctionFlow(flow.velocity, flow.speed_scale, flow.spin_scale)
+    scale = max(flow.spin_scale, 1e-3)
+    found = flow.vorticity(array(xp, place))
+    np.testing.assert_allclose(to_numpy(found), plain.vorticity(place), rtol=0, atol=1e-8 * scale)
+    step = 1e-4 * np.eye(3)
+    slopes = [(flow.velocity(place + e) - flow.velocity(place - e))[..., i] for i, e in enumerate(step)]
+    np.testing.assert_allclose(sum(slopes) / 2e-4, 0, atol=1e-6 * scale)
+    assert np.abs(to_numpy(found)).max() <= 2 * getattr(flow, "max_spin", flow.spin_scale) * (1 + 1e-12)
+
+
+def test_abc_flow_is_as_fast_as_it_says():
+    flow = ABCFlow((1.0, 1.0, 1.0), 2.0)
+    place = np.random.default_rng(0).uniform(0, flow.period, (100_000, 3))
+    squares = np.sum(flow.velocity(place) ** 2, axis=-1)
+    assert np.sqrt(squares.mean()) == pytest.approx(flow.speed_scale, rel=0.01)
+    assert 0.98 * flow.max_speed < np.sqrt(squares.max()) <= flow.max_speed
+    np.testing.assert_allclose(flow.velocity(place + flow.period), flow.velocity(place), atol=1e-12)
+
+
+@pytest.mark.parametrize("rotates", [True, False])
+def test_water_sticks_to_a_sphere_and_shears_far_from_it(rotates):
+    flow = ShearAroundSphere(2.0, 4.0, radius=1.5, centre=(1.0, 2.0, 3.0), rotates=rotates)
+    away = rotations(50)[:, :3]
+    away /= np.linalg.norm(away, axis=-1, keepdims=True)
+    turning = np.cross([0.0, 0.5 * flow.rate if rotates else 0.0, 0.0], 1.5 * away)
+    np.testing.assert_allclose(flow.velocity(np.array(flow.centre) + 1.5 * away), turning, rtol=0, atol=1e-14)
+    far = 1e6 * away
+    shear = np.stack([flow.rate * far[:, 2], 0 * far[:, 0], 0 * far[:, 0]], axis=-1)
+    np.testing.assert_allclose(flow.velocity(np.array(flow.centre) + far), shear, rtol=0, atol=1e-5)
+    # Stokes: the vorticity is harmonic
+    place, step = np.array(flow.centre) + 2 * away, 1e-3 * np.eye(3)
+    around = sum(flow.vorticity(place + e) + flow.vorticity(place - e) for e in step)
+    np.testing.assert_allclose((around - 6 * flow.vorticity(place)) / 1e-6, 0, atol=2e-4)
+    assert not flow.inside(np.array(flow.centre) + 1.49 * away).any()
+
+
+# --- lives --------------------------------------------------------------------------------------------------
+
 SPACE = World.in_space(life=3.0)
 
 
@@ -142,46 +242,54 @@ WORLDS = {
     "default": SPACE,
     "three_actions": World.in_space(curvatures=(4, 5, 6), torsions=(1.0, -2.0, 0.0), n_records=2),
     "varying_speed": World.in_space(varying_speed=True, interval_rule="exact", n_records=8),
+    "abc": World.in_space(flow=ABCFlow((0.3, 0.2, 0.1), 1.0)),
+    "sphere": World.in_space(flow="shear_around_sphere", field="radial", start_box=((-1.5, 1.5),) * 3),
 }
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_lives_in_still_water_are_those_of_the_reference(xp, name):
+def test_lives_are_those_of_the_reference(xp, name):
     world = WORLDS[name]
+    flow, tolerance = (world.flow, TOLERANCE) if world.in_flow else (None, 2e-11)
     states, chosen = lived(xp, world, 4)
     for before, after, action in zip(states, states[1:], chosen, strict=False):
         options = world.curvatures, world.torsions, world.action_speeds, world.intervals
         given = (np.asarray(values)[action] for values in options)
-        expected = reference_in_space(Pose(*map(to_numpy, before[:2])), *given)
-        np.testing.assert_allclose(place_and_frame(after), expected, rtol=0, atol=2e-11)
+        expected = reference_in_space(Pose(*map(to_numpy, before[:2])), *given, flow)
+        left = to_numpy(after.finished)  # into the sphere
+        expected[left] = place_and_frame(before)[left]
+        np.testing.assert_allclose(place_and_frame(after), expected, rtol=0, atol=tolerance)
         np.testing.assert_allclose(to_numpy(world.torsion(after)), np.asarray(world.torsions)[action])
 
 
-@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.parametrize("name", ["default", "three_actions", "varying_speed", "abc"])
 def test_swimming_the_past_forward_leads_back_to_the_start(xp, name):
     world = WORLDS[name]
     position, heading, past = draw_starts(world, 5, 1)
     start, step = functions(xp, world)
     records = to_numpy(start(array(xp, position), array(xp, heading), array(xp, past, xp.int64)).memory)
-    here = Pose(position, heading)
+    here, tolerance = Pose(position, heading), 1e-5 if world.in_flow else 1e-11
     for i in range(world.n_records):
         sensed = world.field.concentration(here.position) * world.record_scale
-        np.testing.assert_allclose(records[:, i, 0], sensed, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(records[:, i, 0], sensed, rtol=0, atol=10 * tolerance)
         options = world.curvatures, world.torsions, world.action_speeds, world.intervals
         curvature, torsion, speed, interval = (np.asarray(values)[past[:, i]] for values in options)
-        here = helix.along_helix(here, helix.helix(curvature, torsion, speed, -interval))
+        if world.in_flow:
+            here = world.swimmer.swim_back(here, (curvature, torsion), speed, interval)
+        else:
+            here = helix.along_helix(here, helix.helix(curvature, torsion, speed, -interval))
     back = start(*(array(xp, each) for each in here), array(xp, past, xp.int64))
     for i in reversed(range(world.n_records)):
         back, _ = step(back, array(xp, past[:, i], xp.int64))
-    np.testing.assert_allclose(to_numpy(back.position), position, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(matrix(back.heading), matrix(heading), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(to_numpy(back.position), position, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(matrix(back.heading), matrix(heading), rtol=0, atol=tolerance)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("field", ["linear", "radial"])
-def test_torchs_compiler_follows_a_decision(field):
+@pytest.mark.parametrize("name", ["default", "abc", "sphere"])
+def test_torchs_compiler_follows_a_decision(name):
     torch = pytest.importorskip("torch")
-    world = World.in_space(field=field, start_box=((-2, 2),) * 3)
+    world = WORLDS[name]
     starts = [torch.from_numpy(each) for each in draw_starts(world, 8, 0)]
     state = world.start(*starts)
     compiled = torch.compile(world.step, fullgraph=True, backend="eager")
@@ -270,6 +378,9 @@ def test_a_population_is_tested_and_kept_in_space(tmp_path):
         ({"flow": "taylor_green"}, r"flow must have vorticity\(position\) in space .*got TaylorGreen"),
         ({"field": "released_source"}, r"field must be one in space .*got ReleasedSource"),
         ({"start_box": ((0, 1), (0, 1))}, "start_box must have 3 sides in space"),
+        ({"sense_flow": True}, "sensor must be one that there is in space .*got 'memory_with_flow'"),
+        ({"flow": FunctionFlow(lambda r: r[..., :2], 1, 1)}, r"flow.velocity must be .*got \(1, 2\)"),
+        ({"flow": ABCFlow((2e3, 0, 0), 1e3)}, "flow must vary slowly enough to be followed"),
     ],
 )
 def test_what_is_not_in_space_is_an_error(parameters, message):
@@ -282,6 +393,11 @@ def test_what_is_not_in_space_is_an_error(parameters, message):
     [
         ({"start_box": ((0, 1),) * 3}, "start_box must have 2 sides in the plane"),
         ({"field": {"type": "gaussian_plume", "egg_position": (1, 2, 3)}}, "egg_position must be 2 numbers"),
+        ({"flow": "abc"}, r"flow must have spin\(position\) in the plane .*got ABCFlow"),
+        (
+            {"flow": {"type": "uniform", "current": (1, 2, 3)}},
+            "flow must be one in the plane .*got UniformFlow",
+        ),
     ],
 )
 def test_what_is_not_in_the_plane_is_an_error(parameters, message):
