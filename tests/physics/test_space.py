@@ -41,7 +41,7 @@ def along(xp, poses, curvature, torsion, speed, duration):
     return helix.along_helix(poses, helix.helix(*numbers))
 
 
-@pytest.mark.parametrize("duration", [0.08, 1.7, -0.3])
+@pytest.mark.parametrize("duration", [0.08, 0.9, -0.3])
 def test_in_still_water_the_pose_is_exact(xp, poses, duration):
     after = place_and_frame(along(xp, poses, *PAIRS.T, 2.0, duration))
     expected = reference_in_space(Pose(*map(to_numpy, poses)), *PAIRS.T, 2.0, duration)
@@ -96,29 +96,28 @@ def test_frames_stay_of_unit_length_in_float32(xp):
     pose = Pose(array(xp, np.zeros((CELLS, 3)), xp.float32), array(xp, rotations(CELLS), xp.float32))
     ones = array(xp, np.ones(CELLS), xp.float32)
     step = helix.helix(5 * ones, 7 * ones, ones, 0.2 * ones)
-    for _ in range(200):
+    for _ in range(50):
         pose = helix.along_helix(pose, step)
     assert pose.position.dtype == pose.heading.dtype == xp.float32
     np.testing.assert_allclose(np.linalg.norm(to_numpy(pose.heading), axis=-1), 1, rtol=0, atol=3e-7)
 
 
-@pytest.mark.parametrize("turn", [0.4, 1.5, 9.0])
-@pytest.mark.parametrize("pair", [(5.5, 7.7), (7.5, -1.0), (0.5, 20.0), (0.0, 0.0)])
+@pytest.mark.parametrize(("pair", "turn"), [((5.5, 7.7), 1.5), ((7.5, -1.0), 9.0), ((0.0, 0.0), 0.4)])
 def test_the_closest_approach_is_that_of_a_densely_sampled_helix(xp, pair, turn):
-    curvature, torsion = (np.full(400, each) for each in pair)
-    length = np.full(400, turn / max(np.hypot(*pair), 1.0))
+    curvature, torsion = (np.full(100, each) for each in pair)
+    length = np.full(100, turn / max(np.hypot(*pair), 1.0))
     radius = max(length[0], 0.2)
-    pose = Pose(np.random.default_rng(2).normal(0, radius, (400, 3)), rotations(400, 3))
+    pose = Pose(np.random.default_rng(2).normal(0, radius, (100, 3)), rotations(100, 3))
     point, cells = (0.1, -0.2, 0.05), int(np.ceil(turn / helix.CELL))
     given = (
         Pose(*(array(xp, each) for each in pose)),
         *(array(xp, each) for each in (curvature, torsion, length)),
     )
     closest = to_numpy(helix.closest_approach(*given, point, cells))
-    parts = np.linspace(0, 1, 1001)[:, None] * length
+    parts = np.linspace(0, 1, 401)[:, None] * length
     path = helix.along(pose, helix.screw(curvature, torsion, parts)).position
     sampled = np.linalg.norm(path - np.array(point), axis=-1).min(axis=0)
-    step = length[0] / 1000
+    step = length[0] / 400
     assert np.all(closest <= sampled * (1 + 1e-9))
     assert np.all(closest >= sampled - step / 2)
     assert np.all(closest >= np.sqrt(np.maximum(sampled**2 - 1.1 * (step / 2) ** 2, 0)) - 2 * step**2)
@@ -247,22 +246,35 @@ WORLDS = {
 }
 
 
+@functools.cache
+def references(name):
+    """What the reference makes of each decision (decisions, cells, 12), from where NumPy's cell was before."""
+    world = WORLDS[name]
+    flow, options = (
+        world.flow if world.in_flow else None,
+        (world.curvatures, world.torsions, world.action_speeds),
+    )
+    states, chosen = lived(np, world, 3)
+    found = []
+    for before, after, action in zip(states, states[1:], chosen, strict=False):
+        given = (np.asarray(values)[action] for values in (*options, world.intervals))
+        expected = reference_in_space(before.pose, *given, flow)
+        expected[after.finished] = place_and_frame(before)[after.finished]  # it came into the sphere
+        found.append(expected)
+    return found
+
+
 @pytest.mark.parametrize("name", WORLDS)
 def test_lives_are_those_of_the_reference(xp, name):
     world = WORLDS[name]
-    flow, tolerance = (world.flow, TOLERANCE) if world.in_flow else (None, 2e-11)
-    states, chosen = lived(xp, world, 4)
-    for before, after, action in zip(states, states[1:], chosen, strict=False):
-        options = world.curvatures, world.torsions, world.action_speeds, world.intervals
-        given = (np.asarray(values)[action] for values in options)
-        expected = reference_in_space(Pose(*map(to_numpy, before[:2])), *given, flow)
-        left = to_numpy(after.finished)  # into the sphere
-        expected[left] = place_and_frame(before)[left]
+    states, chosen = lived(xp, world, 3)
+    tolerance = TOLERANCE if world.in_flow else 2e-11
+    for after, expected, action in zip(states[1:], references(name), chosen, strict=False):
         np.testing.assert_allclose(place_and_frame(after), expected, rtol=0, atol=tolerance)
         np.testing.assert_allclose(to_numpy(world.torsion(after)), np.asarray(world.torsions)[action])
 
 
-@pytest.mark.parametrize("name", ["default", "three_actions", "varying_speed", "abc"])
+@pytest.mark.parametrize("name", ["default", "varying_speed", "abc"])
 def test_swimming_the_past_forward_leads_back_to_the_start(xp, name):
     world = WORLDS[name]
     position, heading, past = draw_starts(world, 5, 1)
@@ -339,7 +351,7 @@ def test_an_egg_is_reached_on_the_way():
     state = world.start(*starts)
     after, outcome = world.step(state, np.zeros(400, int))
     parts = np.linspace(0, world.intervals[0], 500)[:, None] * np.ones(400)
-    arcs = np.full(400, world.curvatures[0]), np.full(400, world.torsions[0])
+    arcs = np.full(100, world.curvatures[0]), np.full(100, world.torsions[0])
     path = helix.along(state.pose, helix.screw(*arcs, 2.0 * parts)).position
     reached = (np.linalg.norm(path, axis=-1) <= 1).any(axis=0)
     assert reached.sum() > 5
