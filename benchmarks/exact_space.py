@@ -135,9 +135,9 @@ def _approach() -> float:
     return float(np.abs(found - distance.min(axis=0)).max())
 
 
-@law("Swings κ′, τ′ in phase with the signal turn the axis up at ½ v (κ₀τ′ − τ₀κ′)/w, per amplitude", 1e-4)
+@law("Swings κ′, τ′ in phase with the signal turn the axis up at ½ v (κ₀τ′ − τ₀κ′)/w, per amplitude", 1e-5)
 def _steering() -> float:
-    (curvature, torsion), small, steps = (5.5, 7.7), 1e-6, 60
+    (curvature, torsion), small, steps = (5.5, 7.7), 1e-6, 400
     w, errors = np.hypot(curvature, torsion), []
     for swing in ((1.0, 0.0), (0.0, 1.0), (0.3, -0.8)):
         pose = Pose(np.zeros((1, 3)), rotations(1))
