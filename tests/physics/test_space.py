@@ -320,6 +320,20 @@ def test_an_egg_is_reached_on_the_way():
     np.testing.assert_array_equal(after.finished, reached)
 
 
+@pytest.mark.parametrize("name", ["released_source", "releasing_source"])
+def test_what_an_egg_releases_diffuses_in_space(name):
+    egg = {"dimensions": 3, "egg_position": (1.0, 2.0, 3.0), "diffusivity": 0.05, "age": 8.0}
+    field = World.in_space(field={"type": name, **egg}, start_box=((-2, 4),) * 3, life=4.0).field
+    away, step = rotations(20)[:, :3], 1e-3
+    place = np.array([1.0, 2.0, 3.0]) + 1.5 * away / np.linalg.norm(away, axis=-1, keepdims=True)
+    around = sum(
+        field.at(2.0).concentration(place + way * step * axis) for axis in np.eye(3) for way in (-1, 1)
+    )
+    curvature = (around - 6 * field.at(2.0).concentration(place)) / step**2
+    rate = (field.at(2.001).concentration(place) - field.at(1.999).concentration(place)) / 0.002
+    np.testing.assert_allclose(rate, 0.05 * curvature, rtol=0, atol=1e-5 * np.abs(rate).max() + 1e-8)
+
+
 def test_flow_is_sensed_in_space(xp):
     world = World.in_space(flow=ABCFlow((0.3, 0.2, 0.1), 1.0), sense_flow=True)
     assert world.sensor.names[2:] == ("flow_x", "flow_y", "flow_z", "spin_x", "spin_y", "spin_z")
