@@ -152,6 +152,8 @@ def part_of(progress: Progress | None, low: float, high: float) -> Progress | No
 
 def why_no_limit(world: World) -> str | None:
     """What keeps the limit of a world from being computed, or None where nothing does."""
+    if world.dimensions != 2:
+        return f"a world in the plane, got torsions = {world.torsions}"
     if type(world.field) is not LinearField:
         return f"a linear field, got {world.field!r}"
     if type(world.flow) not in (StillWater, TaylorGreen):
