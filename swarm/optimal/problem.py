@@ -152,10 +152,10 @@ def part_of(progress: Progress | None, low: float, high: float) -> Progress | No
 
 def why_no_limit(world: World) -> str | None:
     """What keeps the limit of a world from being computed, or None where nothing does."""
-    if world.dimensions != 2:
-        return f"a world in the plane, got torsions = {world.torsions}"
     if type(world.field) is not LinearField:
         return f"a linear field, got {world.field!r}"
+    if world.dimensions == 3 and type(world.flow) is not StillWater:
+        return f"still water in three dimensions, got {world.flow!r}"
     if type(world.flow) not in (StillWater, TaylorGreen):
         return f"still water or the Taylor–Green flow, got {world.flow!r}"
     if world.is_continuous and type(world.flow) is not StillWater:
@@ -190,4 +190,5 @@ def problem_of(world: World) -> Problem | None:
         tick=world.tick,
         life=world.life,
         flow=world.flow if isinstance(world.flow, TaylorGreen) else None,
+        torsions=world.torsions,
     )
