@@ -1,5 +1,6 @@
 """The limit in space: held against all sequences, a value iteration of its own, and play."""
 
+import functools
 import itertools
 
 import numpy as np
@@ -53,6 +54,7 @@ def screws(world, time):
         yield moved[:3, 3], moved[:3, :3]
 
 
+@functools.cache
 def ends(world, left, missing):
     """Where (sequences, 3) all sequences of actions lead, in the cell's frame, with `left` ticks to live."""
     if left <= 0:
