@@ -69,36 +69,34 @@ class Sphere:
         table = np.concatenate([circles[:n], circles[: n - 1 : -1]], axis=1)
         return spline_filter1d(table, axis=1, mode="grid-wrap").reshape(-1)
 
-    def nodes(self, direction: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """The 16 coefficients (cells,) that splines at directions (cells, 3) are read from, and weights."""
+    def nodes(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The coefficients that a spline at directions (cells, 3) is read from, and weights (cells, 16)."""
         n = self.angles
         x, y, z = np.moveaxis(direction, -1, 0)
         steps = np.arctan2(np.hypot(y, z), x) * (n / math.pi) - 0.5, np.arctan2(z, y) * (n / math.pi)
-        whole = [np.floor(part).astype(np.int64) for part in steps]
-        along, across = (_b_spline(part - low) for part, low in zip(steps, whole, strict=True))
-        index, weights = [], []
-        for i, a in zip(CUBIC, along, strict=True):
-            row = (whole[0] + i) % (2 * n)  # beyond n on the other side of a pole
-            beyond = row >= n
-            row = np.where(beyond, 2 * n - 1 - row, row)
-            for j, b in zip(CUBIC, across, strict=True):
-                index.append(row * (2 * n) + (whole[1] + j + np.where(beyond, n, 0)) % (2 * n))
-                weights.append(a * b)
-        return index, weights
+        low = [np.floor(part) for part in steps]
+        along, across = (_b_spline(part - whole) for part, whole in zip(steps, low, strict=True))
+        row, column = (whole.astype(np.int32)[:, None] + CUBIC.astype(np.int32) for whole in low)
+        beyond = (row < 0) | (row >= n)  # on the other side of a pole
+        row = np.where(beyond, (2 * n - 1 - row) % (2 * n), row)
+        columns = (each[:, None, :] % (2 * n) for each in (column + n, column))
+        index = row[:, :, None] * (2 * n) + np.where(beyond[:, :, None], *columns)
+        weights = along[:, :, None] * across[:, None, :]
+        return index.reshape(len(x), -1), weights.reshape(len(x), -1)
 
     def read(self, coefficients: np.ndarray, direction: np.ndarray, row: Any = ...) -> np.ndarray:
         """The spline of (size,), or of (rows, size) that in `row` (cells,), at directions (cells, 3)."""
         total: Any = 0.0
-        for index, weight in zip(*self.nodes(direction), strict=True):
+        for index, weight in zip(*(part.T for part in self.nodes(direction)), strict=True):
             total = total + weight * coefficients[row, index]
         return total
 
 
 def _b_spline(offset: np.ndarray) -> np.ndarray:
-    """Weights (4, ...) of a cubic spline's coefficients, read `offset` (...) steps beyond the second."""
+    """Weights (..., 4) of a cubic spline's coefficients, read `offset` (...) steps beyond the second."""
     rest = 1 - offset
     inner = [4 - 3 * part * part * (2 - part) for part in (offset, rest)]
-    return np.stack([rest**3, *inner, offset**3]) / 6
+    return np.stack([rest**3, *inner, offset**3], axis=-1) / 6
 
 
 class _Decisions:
@@ -117,9 +115,8 @@ class _Decisions:
             left = int(problem.after(action, left))
         self.gain = sphere.directions @ moved
         index, weights = sphere.nodes(rotated(conjugate(turned), sphere.directions))
-        data, columns = np.stack(weights, axis=-1), np.stack(index, axis=-1)
-        rows = np.arange(sphere.size + 1, dtype=np.int32) * len(index)
-        parts = data.astype(np.float32).reshape(-1), columns.astype(np.int32).reshape(-1), rows
+        rows = np.arange(sphere.size + 1, dtype=np.int32) * index.shape[1]
+        parts = weights.astype(np.float32).reshape(-1), index.reshape(-1), rows
         self.matrix = csr_array(parts, shape=(sphere.size, sphere.size))
 
     def before(self, spline: np.ndarray) -> np.ndarray:
