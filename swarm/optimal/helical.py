@@ -7,8 +7,8 @@ to come is a function of g, on the sphere, and of time left alone,
 
     V(g; t) = max over actions of  g·Δ + V(Rᵀg; t − interval),     V(g; 0) = 0,
 
-held on evenly spaced angles from an axis and around it, and read between them by cubic splines that run on over
-the poles. What the spacing leaves out is judged from fewer angles.
+held on evenly spaced angles from an axis and around it, and read between them by cubic splines that run on
+over the poles. What the spacing leaves out is judged from fewer angles.
 """
 
 from __future__ import annotations
