@@ -66,7 +66,7 @@ def extrapolated(values: list[float]) -> tuple[float, float]:
 
     Where the last three approach it like a geometric series, that series is summed; otherwise the grids
     differ by no more than chance and the finest one's value is taken. The error is the larger of the last
-    two steps, or what summing the series adds, and a twentieth of the step before at least.
+    two steps, or what summing the series adds.
     """
     before, last = np.diff(values[-3:])
     error = max(abs(before), abs(last))
@@ -74,7 +74,7 @@ def extrapolated(values: list[float]) -> tuple[float, float]:
     if not 0.0 < ratio < 0.7:
         return values[-1], float(error)
     added = last * ratio / (1 - ratio)
-    return float(values[-1] + added), float(max(abs(added), abs(last), 0.05 * abs(before)))
+    return float(values[-1] + added), float(max(abs(added), abs(last)))
 
 
 class Optimal:
