@@ -2,6 +2,8 @@
 
 import functools
 
+import hypothesis
+import hypothesis.strategies as st
 import numpy as np
 import pytest
 
@@ -360,6 +362,33 @@ def test_who_senses_more_stretches_its_path_to_climb():
     policies = {"adaptive": swarm.AdaptiveSteering(), "greedy": swarm.Greedy()}
     gain = swarm.population_test(defaults, policies, cells=8, life=12.0, limit=False)["gain"].mean("cell")
     assert gain.sel(policy="adaptive") > 8  # of the field's unit; 14.5
+
+
+RISING = {"still": 0.0, "shear": 0.0, "abc": 0.17, "shear_around_sphere": 0.05}  # u_z at most
+
+
+@hypothesis.given(
+    st.lists(st.floats(-12.0, 12.0), min_size=2, max_size=4),
+    st.floats(0.2, 5.0),
+    st.floats(0.5, 3.0),
+    st.integers(2, 9),
+    st.sampled_from(sorted(RISING)),
+    st.sampled_from([0.0, 0.4]),
+)
+@hypothesis.settings(max_examples=12)
+def test_what_must_hold_in_space(torsions, curvature, speed, n_records, flow, noise):
+    given = {"curvatures": curvature + 0.7 * np.arange(len(torsions)), "torsions": torsions, "speed": speed}
+    world = World(**given, n_records=n_records, flow=flow, curvature_noise=noise, interval_rule="exact")
+    state, rng, before = world.start(*draw_starts(world, 4, 0)), np.random.default_rng(0), np.zeros(4)
+    for _ in range(4):
+        action = rng.integers(world.n_actions, size=4)
+        state, outcome = world.step(state, action, rng.standard_normal((4, 3)))
+        time = world.time(state)
+        assert all(np.isfinite(part).all() for part in (*outcome[:2], state.position))
+        np.testing.assert_allclose(np.linalg.norm(state.heading, axis=-1), 1, rtol=0, atol=1e-14)
+        assert (np.abs(outcome.gain) <= (speed + RISING[flow]) * time * (1 + 1e-12)).all()
+        assert ((time > before) | state.finished).all()
+        before = time
 
 
 def test_a_population_is_tested_and_kept_in_space(tmp_path, monkeypatch):
