@@ -67,10 +67,10 @@ class AdaptiveSteering(Checked):
     (decision making: Kromer et al., PLOS Comput. Biol. 14 (2018) e1006109). None takes σ = 3/ω, sampled less
     ΔT/2, by which decisions are late, μ = 1/ω and g = 80 κ̄ of the world, ω = v κ̄.
 
-    In space, sampled only, torsion goes with curvature as in the actions, κ = κ̄ ∓ g (a − 1) by the world's
-    `response_sign`, ω = v w̄ and σ = (1 − tan(ωΔT/2))/ω, at least 0.3/ω, which brings the output into phase
-    with the signal half an interval later (Jikeli et al., Nat. Commun. 6 (2015) 7985). Raises TypeError or
-    ValueError that names the parameter and its rule.
+    In space, sampled only, torsion goes with curvature as in the actions (Jikeli et al., Nat. Commun. 6
+    (2015) 7985): κ = κ̄ ∓ g (a − 1) by the world's `response_sign`, ω = v w̄ and σ = (1 − tan(ωΔT/2))/ω, at
+    least 0.3/ω, which brings the output into phase with the signal half an interval later. Raises TypeError
+    or ValueError that names the parameter and its rule.
     """
 
     relaxation: float | None = parameter(None, optional(check_number), above=0.0)  # σ [time]
