@@ -187,13 +187,13 @@ def frame(axes: Axes, *, square: bool = False, narrowest: float = 0.45) -> None:
 
 
 def in_domain(world: World, quantity: Callable[[np.ndarray], Any], places: np.ndarray) -> np.ndarray:
-    """A quantity (...) of places (..., 2), NaN outside the domain, where it is not asked for."""
+    """A quantity (..., of each) of places (..., axes), NaN outside the domain, where it is not asked for."""
     inside = inside_all(world.domains, places)
     if inside is None or np.all(inside):
         return np.asarray(quantity(places))
     known = np.asarray(inside)
     found = np.asarray(quantity(places[known])) if known.any() else np.zeros(0)
-    values = np.full(known.shape, np.nan, np.result_type(found, np.float32))
+    values = np.full((*known.shape, *found.shape[1:]), np.nan, np.result_type(found, np.float32))
     values[known] = found
     return values
 
