@@ -20,6 +20,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from matplotlib.ticker import MaxNLocator
 
 from swarm._support import files
 from swarm.physics.motion.domain import inside_all
@@ -239,6 +240,11 @@ def around_egg(axes: Axes, world: World) -> None:
         (x, y), radius = world.egg
         axes.add_patch(Circle((x, y), radius, facecolor="#E69F00", edgecolor=INK, linewidth=0.8, zorder=4))
         axes.update_datalim([(x - radius, y - radius), (x + radius, y + radius)])
+
+
+def few_ticks() -> MaxNLocator:
+    """Four round numbers along an axis."""
+    return MaxNLocator(4, steps=[1, 2, 5, 10])
 
 
 def mark_start(axes: Axes, results: xr.Dataset, cell: int) -> None:
