@@ -38,7 +38,10 @@ def path_of(results: xr.Dataset, world: World, policy: str, cell: int, *, points
     bend, end = curvature[moved + 1], position[moved + 1]
     speed = np.interp(bend, world.curvatures, world.action_speeds)
     if world.torsions is not None:
-        start, torsion = Pose(position[moved], angle[moved]), np.interp(bend, world.curvatures, world.torsions)
+        start, torsion = (
+            Pose(position[moved], angle[moved]),
+            np.interp(bend, world.curvatures, world.torsions),
+        )
         places = Helices(start, end, bend, torsion, speed, wait, wait > 0).places(share)
         return np.concatenate([places[:, :-1].reshape(-1, 3), end[-1:]])
     heading = np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -95,12 +95,12 @@ class Segment(NamedTuple):
         return np.where(self.seen[:, None], self.start[:, None] + self.chord[:, None] * ratio, np.nan)
 
     def heading(self, share: float, end: np.ndarray) -> np.ndarray:
-        """Where cells head (cells,) at a share of the interval, who head to `end` (cells,) at its end [rad]."""
+        """Where cells head (cells,) at a share of the interval, at whose end they head to `end` [rad]."""
         return end - np.where(self.seen, (1 - share) * self.turn, 0.0)
 
 
 def places_behind(trail: Sequence[Segment], share: float, back: np.ndarray) -> np.ndarray:
-    """Places (cells, k), complex or in space (cells, k, 3), where cells were `back` (k,) decisions ago, rising from 0."""
+    """Places (cells, k), in space (cells, k, 3), where cells were `back` (k,) decisions ago, rising from 0."""
     age = np.ceil(back - share).astype(int).clip(0)  # segments that have been swum since
     return np.hstack(
         [segment.places(share + i - back[age == i]) for i, segment in enumerate(reversed(trail))]

@@ -39,12 +39,18 @@ class Orbit(NamedTuple):
             sides = ball[1] * np.array([[-1], [1]])
             places = np.concatenate([places, np.array(ball[0]) + sides])
         low, high = places.min(axis=0), places.max(axis=0)
-        ideal = cls(tuple(((low + high) / 2).tolist()), max(1.12 * float((high - low).max()) + 1.0, SMALLEST), ball=ball)
+        ideal = cls(
+            tuple(((low + high) / 2).tolist()),
+            max(1.12 * float((high - low).max()) + 1.0, SMALLEST),
+            ball=ball,
+        )
         if before is None:
             return ideal
         centre = before.centre + EASE * (ideal.centre - before.centre)
         needed = 2 * float(np.abs(places - centre).max()) + 0.5
-        return ideal._replace(middle=tuple(centre.tolist()), edge=max(before.edge + EASE * (ideal.edge - before.edge), needed))
+        return ideal._replace(
+            middle=tuple(centre.tolist()), edge=max(before.edge + EASE * (ideal.edge - before.edge), needed)
+        )
 
     def turned(self, decisions: float) -> Orbit:
         """The view after so many decisions."""
@@ -67,7 +73,9 @@ class Orbit(NamedTuple):
 
     def below(self, places: np.ndarray) -> np.ndarray:
         """Places (..., 3) on the floor of the cube under others."""
-        return np.concatenate([places[..., :2], np.zeros_like(places[..., :1]) + self.centre[2] - self.edge / 2], -1)
+        return np.concatenate(
+            [places[..., :2], np.zeros_like(places[..., :1]) + self.centre[2] - self.edge / 2], -1
+        )
 
     def nearness(self, places: np.ndarray) -> np.ndarray:
         """How much (...) larger than at the centre things at places (..., 3) are seen."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -105,7 +104,9 @@ class Volume(Water):
                 text = {"fontsize": 12, "color": FAINT, "ha": "center", "va": "center_baseline"}
                 self.easel.write(*(spot + NUMBER * out), signed(f"{value:g}"), **text)
             spot = seen(np.where(np.arange(3) == axis, 0.0, edge)) + NAME * out
-            self.easel.write(*spot, "xyz"[axis], fontsize=14, style="italic", ha="center", va="center_baseline")
+            self.easel.write(
+                *spot, "xyz"[axis], fontsize=14, style="italic", ha="center", va="center_baseline"
+            )
 
     def _draw_gradient(self, camera: Orbit, time: float) -> None:
         """An arrow along the gradient of the concentration in the middle of the cube."""

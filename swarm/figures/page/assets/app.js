@@ -30,7 +30,7 @@ $("ways").checked = few;
 $("ways").parentElement.hidden = policies[0].n > WITH_WAYS;
 const [some, all] = data.cells;
 $("note").textContent = (some < all ? "The first " + some + " of " + all + " cells are drawn, which keeps the page small; means are of all. " : "")
-  + "Trails fade to 1/e in " + plain(policies[0].fade, 1) + " units of time.";
+  + "Trails fade to 1/e in " + Number(policies[0].fade.toFixed(1)) + " units of time.";
 
 // --- colours ---------------------------------------------------------------------------------------------------
 
