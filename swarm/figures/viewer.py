@@ -116,7 +116,7 @@ class Viewer:
             self.trail[i] = segment._replace(seen=segment.seen & ~begun)
         speed = np.interp(now.curvature, self.world.curvatures, self.world.action_speeds)
         wait = np.where(moved, now.time - before.time, 0.0)
-        if now.orientation is not None:
+        if self.world.torsions is not None:
             torsion = np.interp(now.curvature, self.world.curvatures, self.world.torsions)
             numbers = now.curvature, torsion, speed, wait
             start = Pose(before.position, before.orientation)

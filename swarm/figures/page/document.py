@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ASSETS = "assets"
-SCRIPTS = ("three.min.js", "lives.js", "shaders.js", "stage.js", "overlay.js", "plane.js")
+SCRIPTS: tuple[str, ...] = ("three.min.js", "lives.js", "shaders.js", "stage.js", "overlay.js", "plane.js")
 SCRIPTS += ("space.js", "volume.js", "app.js")
 LIVES = 24  # shorter ones for which "the limit so far" is computed
 

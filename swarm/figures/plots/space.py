@@ -4,7 +4,6 @@ sphere.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -87,6 +86,6 @@ def _sphere(world: World, points: int) -> np.ndarray:
     return np.array(world.egg[0])[:, None, None] + world.egg[1] * np.stack(unit)
 
 
-def mark(axes: Any, place: Sequence[float]) -> None:
+def mark(axes: Any, place: np.ndarray) -> None:
     """A dot at a place."""
     axes.plot(*([each] for each in place), "o", color=style.INK, markersize=3, zorder=5)

@@ -99,8 +99,8 @@ class Segment(NamedTuple):
         return end - np.where(self.seen, (1 - share) * self.turn, 0.0)
 
 
-def places_behind(trail: Sequence[Segment], share: float, back: np.ndarray) -> np.ndarray:
-    """Places (cells, k), in space (cells, k, 3), where cells were `back` (k,) decisions ago, rising from 0."""
+def places_behind(trail: Sequence[Any], share: float, back: np.ndarray) -> np.ndarray:
+    """Places (cells, k), in space (cells, k, 3), where cells were `back` (k,) decisions ago, rising."""
     age = np.ceil(back - share).astype(int).clip(0)  # segments that have been swum since
     return np.hstack(
         [segment.places(share + i - back[age == i]) for i, segment in enumerate(reversed(trail))]

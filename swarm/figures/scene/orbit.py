@@ -109,8 +109,8 @@ class Orbit(NamedTuple):
         """Groups of cells, each of one colour, from far to near, the far ones as in haze."""
         number = np.digitize(self.nearness(places), HAZE)
         return [
-            (to_hex((1 - HAZY[i]) * np.array(to_rgb(colour)) + HAZY[i] * np.array(to_rgb(FOG))), each)
-            for i in range(len(HAZY))
+            (_mixed(colour, FOG, haze), each)
+            for i, haze in enumerate(HAZY)
             for colour, cells in groups
             if (each := cells & (number == i)).any()
         ]
@@ -124,6 +124,11 @@ class Orbit(NamedTuple):
     def scale(self) -> float:
         """Pixels per length at the centre."""
         return SIZE / (ROOM * self.edge)
+
+
+def _mixed(colour: str, other: str, part: float) -> str:
+    red, green, blue = ((1 - part) * a + part * b for a, b in zip(to_rgb(colour), to_rgb(other), strict=True))
+    return to_hex((red, green, blue))
 
 
 class Helices(NamedTuple):
@@ -143,8 +148,8 @@ class Helices(NamedTuple):
         What flow and noise added to the helix is spread evenly over it.
         """
         shares, pose = np.append(share, 1.0), Pose(*(part[:, None] for part in self.start))
-        numbers = (part[:, None] for part in (self.curvature, self.torsion, self.speed))
-        way = along_helix(pose, helix(*numbers, self.duration[:, None] * shares)).position
+        curvature, torsion, speed = (part[:, None] for part in (self.curvature, self.torsion, self.speed))
+        way = along_helix(pose, helix(curvature, torsion, speed, self.duration[:, None] * shares)).position
         way = way + shares[:, None] * (self.end - way[:, -1])[:, None]
         return np.where(self.seen[:, None, None], way[:, :-1], np.nan)
 

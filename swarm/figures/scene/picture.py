@@ -21,7 +21,8 @@ CURVE = (190, 290)  # rows of the curve of gains
 TEAM = 24  # of the name of a team [pixels]
 TAIL = 1.1  # decisions that a flagellum reaches back
 WAVE, BEAT, BEND = 0.8, 0.8, 0.04  # of a flagellum: decisions a wave, waves a decision, height [length]
-Sight, Path = Camera | Orbit, Segment | Helices
+Sight = Camera | Orbit
+Path = Segment | Helices
 SHADOW, GOLD, HEAD, RESTING = "#05080f", "#ffcc6b", "#ffffff", "#99a8bd"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -17,7 +18,7 @@ NODES = 48  # of a wall along each side
 GRADIENT = "#f0e442"
 ARROW = (58.0, 60.0, 46.0)  # column, row and length of the arrow along the gradient [pixels]
 TICK, NUMBER, NAME = 6.0, 19.0, 46.0  # how far they reach beyond an edge [pixels]
-HALF = np.array([-0.5, 0.5])
+AXES, HALF = np.arange(3), np.array([-0.5, 0.5])
 SIDE = (np.arange(NODES) + 0.5) / NODES - 0.5  # of a wall, its nodes [edges from the middle]
 TO_EDGES = np.interp(np.arange(NODES), (0, 1, NODES - 2, NODES - 1), (-0.5, SIDE[1], SIDE[-2], 0.5))
 
@@ -25,7 +26,7 @@ TO_EDGES = np.interp(np.arange(NODES), (0, 1, NODES - 2, NODES - 1), (-0.5, SIDE
 class Volume(Water):
     """Draws what is behind the cells; colours run over all values that have been on its walls."""
 
-    def draw(self, camera: Orbit, glance: Glance) -> None:  # type: ignore[override]
+    def draw(self, camera: Any, glance: Glance) -> None:
         """Everything but the cells."""
         time, far = float(glance.time.max()), np.where(camera.axes[2] > 0, -0.5, 0.5)
         walls = [camera.place(_wall(far, axis, _mesh(SIDE))) for axis in range(3)]
@@ -53,7 +54,7 @@ class Volume(Water):
         part = (shown - self.span[0]) / max(float(np.ptp(self.span)), 1e-12)
         colours = self.colours(np.clip(np.nan_to_num(part), 0, 1), bytes=True)
         colours[~np.isfinite(shown)] = 0
-        corners = camera.pixels(camera.flat(camera.place(_wall(far, axis, _mesh(HALF))), hiding=False))
+        corners = _seen(camera, _wall(far, axis, _mesh(HALF)))
         seen, texture = corners.reshape(4, 2) + 0.5, NODES * (_mesh(HALF).reshape(4, 2) + 0.5)
         shape = (SIZE, SIZE), Image.Transform.PERSPECTIVE, _homography(seen, texture)
         image = Image.fromarray(colours).transform(*shape, Image.Resampling.BILINEAR)
@@ -63,8 +64,7 @@ class Volume(Water):
         """Lines of equal concentration, the same levels on all walls."""
         low, high = min(map(np.nanmin, held)), max(map(np.nanmax, held))
         found = levels_of(held[axis], TO_EDGES, float(low), float(high))
-        lines = [camera.place(_wall(far, axis, line)) for line, _ in found]
-        seen = [camera.pixels(camera.flat(line, hiding=False)) for line in lines]
+        seen = [_seen(camera, _wall(far, axis, line)) for line, _ in found]
         self.easel.lines(seen, "#ffffff", [opacity for _, opacity in found], 1.0)
 
     def _draw_flow(self, camera: Orbit, time: float) -> None:
@@ -80,33 +80,28 @@ class Volume(Water):
 
     def _draw_scales(self, camera: Orbit, far: np.ndarray) -> None:
         """The edges of the walls, and along three edges in front numbers and names of the axes."""
-
-        def seen(place: np.ndarray) -> np.ndarray:
-            return camera.pixels(camera.flat(camera.place(place), hiding=False))
-
-        corners = [np.where(np.arange(3) == axis, -far, far) for axis in range(3)]
+        corners = [np.where(axis == AXES, -far, far) for axis in range(3)]
         edges = [[corner, far] for corner in corners]
         edges += [[corners[i], corners[i] + corners[j] - far] for i in range(3) for j in range(3) if i != j]
-        self.easel.lines([seen(np.stack(edge)) for edge in edges], FAINT, [0.8] * 3 + [0.45] * 6, 0.8)
-        middle = seen(np.zeros(3))
-        step = nice_step(camera.edge / 4)
+        lines = [_seen(camera, np.stack(edge)) for edge in edges]
+        self.easel.lines(lines, FAINT, [0.8] * 3 + [0.45] * 6, 0.8)
+        step, middle = nice_step(camera.edge / 4), _seen(camera, np.zeros(3))
         for axis in range(3):
             edge = _in_front(camera, far, axis)
-            out = seen(np.where(np.arange(3) == axis, 0.0, edge)) - middle
-            out = out / np.hypot(*out) if axis < 2 else np.array([-1.0, 0.0])
+            at = _seen(camera, np.where(axis == AXES, 0.0, edge))
+            away = at - middle if axis < 2 else np.array([-1.0, 0.0])
+            out = away / np.hypot(*away)
             low, high = camera.centre[axis] + camera.edge * HALF
             for value in step * np.arange(math.ceil(low / step), math.floor(high / step) + 1):
                 part = (value - camera.centre[axis]) / camera.edge
-                if abs(part) > 0.46:  # where another edge has its numbers
-                    continue
-                spot = seen(np.where(np.arange(3) == axis, part, edge))
-                self.easel.draw(Line2D(*np.stack([spot, spot + TICK * out]).T, color=FAINT, linewidth=1))
-                text = {"fontsize": 12, "color": FAINT, "ha": "center", "va": "center_baseline"}
-                self.easel.write(*(spot + NUMBER * out), signed(f"{value:g}"), **text)
-            spot = seen(np.where(np.arange(3) == axis, 0.0, edge)) + NAME * out
-            self.easel.write(
-                *spot, "xyz"[axis], fontsize=14, style="italic", ha="center", va="center_baseline"
-            )
+                if abs(part) < 0.46:  # beyond, another edge has its numbers
+                    spot = _seen(camera, np.where(axis == AXES, part, edge))
+                    self.easel.draw(Line2D(*np.stack([spot, spot + TICK * out]).T, color=FAINT, linewidth=1))
+                    self._label(spot + NUMBER * out, signed(f"{value:g}"), fontsize=12, color=FAINT)
+            self._label(at + NAME * out, "xyz"[axis], fontsize=14, style="italic")
+
+    def _label(self, spot: np.ndarray, text: str, **options: Any) -> None:
+        self.easel.write(spot[0], spot[1], text, ha="center", va="center_baseline", **options)
 
     def _draw_gradient(self, camera: Orbit, time: float) -> None:
         """An arrow along the gradient of the concentration in the middle of the cube."""
@@ -130,6 +125,11 @@ def _mesh(side: np.ndarray) -> np.ndarray:
     return np.stack(np.meshgrid(side, side), axis=-1)
 
 
+def _seen(camera: Orbit, inside: np.ndarray) -> np.ndarray:
+    """Columns and rows (..., 2) of places (..., 3) in the cube."""
+    return camera.pixels(camera.flat(camera.place(inside), hiding=False))
+
+
 def _wall(far: np.ndarray, axis: int, places: np.ndarray) -> np.ndarray:
     """Places (..., 3) in the cube of places (..., 2) on the far wall across an axis."""
     return np.insert(places, axis, far[axis], axis=-1)
@@ -138,7 +138,7 @@ def _wall(far: np.ndarray, axis: int, places: np.ndarray) -> np.ndarray:
 def _in_front(camera: Orbit, far: np.ndarray, axis: int) -> np.ndarray:
     """Where the edge along an axis lies that bears its numbers: below in front, or the leftmost upright."""
     if axis < 2:
-        return np.where(np.arange(3) == 2, far, -far)
+        return np.where(AXES == 2, far, -far)
     sides = [np.array([sign * far[0], -sign * far[1], 0.0]) for sign in (1, -1)]
     return min(sides, key=lambda side: float(camera.axes[0] @ side))
 

@@ -94,7 +94,7 @@ class Water:
         self.colours = PLUM if self.shows_flow else SEA
         self.span = (np.inf, -np.inf)  # values over which the colours run
 
-    def draw(self, camera: Camera, glance: Glance) -> None:
+    def draw(self, camera: Any, glance: Glance) -> None:
         """Everything that stands still while cells swim."""
         time, easel = float(glance.time.max()), self.easel
         self._draw_water(camera, time, glance.medium)
