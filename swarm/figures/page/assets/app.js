@@ -302,7 +302,7 @@ let settling;
 function pan(dx, dy) { free(); view.pan(dx, dy); queue(); }
 function drag(dx, dy, aside) { if (aside || !view.turns) free(); (aside ? view.pan : view.drag)(dx, dy); queue(); }
 function rest() { turning = false; $("turn").setAttribute("aria-pressed", "false"); }
-function follow(cell) { chosen = cell; if (cell === null) { if (mode === "cell") setMode("swarm"); } else { mode = "cell"; camera.scale = Math.max(camera.scale, 48); easing = false; } stale = true; queue(); }
+function follow(cell) { chosen = cell; if (cell === null) { if (mode === "cell") setMode("swarm"); } else { mode = "cell"; view.zoomed(null, Math.max(camera.scale, 48)); easing = false; } stale = true; queue(); }
 const paneAt = (x, y) => shown.find(p => x >= p.x && x < p.x + p.width && y >= p.y && y < p.y + p.height) || shown[0];
 function nearest(x, y) {
   const pane = paneAt(x, y);

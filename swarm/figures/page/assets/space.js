@@ -99,12 +99,14 @@ const Space = {
 
   aimed(low, high, whole) {
     if (whole) ({ low, high } = data.background);
-    const { width, height } = shown[0], reach = Math.max(0.56 * Math.max(...high.map((each, k) => each - low[k])) + 0.4, 1.6);
-    const sides = whole ? high.map((each, k) => each - low[k]) : [2 * reach, 2 * reach, 2 * reach], across = Math.hypot(sides[0], sides[1]);
-    const { azimuth, elevation } = camera, tall = sides[2] * Math.cos(elevation) + across * Math.abs(Math.sin(elevation));
-    const scale = Math.min(width / (1.22 * across), (height - 40) / (1.2 * tall));
-    const [x, y, z] = low.map((each, k) => (each + high[k]) / 2);
-    return { x, y, z, scale, reach: whole ? Infinity : reach, azimuth, elevation };
+    const sides = high.map((each, k) => each - low[k]), reach = Math.max(0.56 * Math.max(...sides) + 0.4, 1.6);
+    const [x, y, z] = low.map((each, k) => (each + high[k]) / 2), scale = Space.fitting(whole ? sides : [2 * reach, 2 * reach, 2 * reach]);
+    return { ...camera, x, y, z, scale, reach: whole ? Infinity : reach };
+  },
+  // The scale at which a box of these sides is seen whole from all around.
+  fitting([wide, deep, high]) {
+    const { width, height } = shown[0], across = Math.hypot(wide, deep), { elevation } = camera;
+    return Math.min(width / (1.22 * across), (height - 40) / (1.2 * (high * Math.cos(elevation) + across * Math.abs(Math.sin(elevation)))));
   },
   ease(wanted, part) {
     for (const key of AXES) camera[key] += part * (wanted[key] - camera[key]);
@@ -119,7 +121,7 @@ const Space = {
     const [right, up] = axesOf(camera), { low, high } = data.background;
     AXES.forEach((axis, k) => { camera[axis] = clamp(camera[axis] + (dy * up[k] - dx * right[k]) / camera.scale, low[k], high[k]); });
   },
-  zoomed(pane, scale) { camera.reach *= camera.scale / scale; camera.scale = scale; },
+  zoomed(pane, scale) { camera.scale = scale; camera.reach = Space.fitting([2, 2, 2]) / scale; },
   onScreen(pane, cell) { const { x, y, z } = pane.lives; return project(pane, [x, y, z]); },
   over(pen, pane, moment) {
     drawBox(pen, pane, data.unit, theme);
