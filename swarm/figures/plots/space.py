@@ -16,7 +16,7 @@ from swarm.physics.world import World
 
 WALL, GRID = (0.955, 0.96, 0.97, 1.0), "#d3dae2"
 SHADOW, NARROWEST, MARGIN = 0.13, 0.4, 0.06  # opacity; least side, per longest; room around what is drawn
-ZOOM = 1.12  # at which numbers and names still fit
+ZOOM = 1.06  # at which numbers and names still fit
 FROM = {"elev": 18.0, "azim": -58.0}  # which the panels are seen [degrees]
 
 

@@ -69,7 +69,7 @@ class Volume(Water):
 
     def _draw_flow(self, camera: Orbit, time: float) -> None:
         """Streaks that brighten in the direction of the flow, on places that stand still in the cube."""
-        step = nice_step(camera.edge / 4)
+        step = nice_step(camera.edge / 3)
         low, high = (np.round((camera.centre + side * camera.edge) / step) for side in HALF)
         sides = [step * np.arange(*each) for each in zip(low, high + 1, strict=True)]
         places = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 3)
