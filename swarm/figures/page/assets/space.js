@@ -99,6 +99,10 @@ const Space = {
 
   aimed(low, high, whole) {
     if (whole) ({ low, high } = data.background);
+    else if (data.egg) {
+      const { radius } = data.egg;
+      low = low.map((each, k) => Math.min(each, data.egg[AXES[k]] - radius)); high = high.map((each, k) => Math.max(each, data.egg[AXES[k]] + radius));
+    }
     const sides = high.map((each, k) => each - low[k]), reach = Math.max(0.56 * Math.max(...sides) + 0.4, 1.6);
     const [x, y, z] = low.map((each, k) => (each + high[k]) / 2), scale = Space.fitting(whole ? sides : [2 * reach, 2 * reach, 2 * reach]);
     return { ...camera, x, y, z, scale, reach: whole ? Infinity : reach };
