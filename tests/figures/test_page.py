@@ -195,7 +195,7 @@ MANY = {
 
 @pytest.mark.slow
 @in_a_browser
-@pytest.mark.parametrize("world, cells", MANY.values(), ids=MANY)
+@pytest.mark.parametrize(("world", "cells"), MANY.values(), ids=MANY)
 def test_many_heads_move_smoothly_without_a_graphics_card(tmp_path, world, cells):
     """Frames per second at 1280 × 720 by Chromium's software rendering, on two cores that do nothing else."""
     results = population_test(world, {"greedy": swarm.Greedy()}, cells=cells, life=20.0, limit=False)
