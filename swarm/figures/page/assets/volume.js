@@ -1,6 +1,6 @@
 // The stage in space: walls of water, the egg, trails, flagella and heads, drawn anew with every picture.
 
-const MOST_STRANDS = 30000; // of all trails
+const MOST_STRANDS = 20000; // of all trails
 const WINDOWS = 3; // time that a trail reaches back, in those in which it falls to 1/e
 const FINE_TURN = 0.25; // of a helix, parts of a trail [rad]
 const MOST_WAYS = 30000; // parts of the ways of all cells
@@ -38,7 +38,8 @@ vec2 found(vec3 q, float moment) {
 }
 void main() {
   vec3 q = clamp((at - low) / (high - low), 0.0, 1.0);
-  vec2 held = mix(found(q, frame.x), found(q, frame.y), frame.z);
+  vec2 held = found(q, frame.x);
+  if (frame.z > 0.0) held = mix(held, found(q, frame.y), frame.z);
   float v = clamp(held.r / max(held.g, 1e-3), 0.0, 1.0), f = 4.0 * v;
   vec3 c = mix(ramp[0], ramp[1], min(f, 1.0));
   for (int i = 1; i < 4; i++) c = mix(c, ramp[i + 1], clamp(f - float(i), 0.0, 1.0));
