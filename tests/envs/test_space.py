@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import swarm
-from swarm.envs.conformance import check_seeds
 from swarm.torchrl_env import SwarmEnv
 
 torch = pytest.importorskip("torch")
@@ -80,10 +79,6 @@ def test_poses_of_other_kinds_are_refused_and_nothing_changes(options, message):
     with pytest.raises(ValueError, match=message):
         env.reset(seed=1, options=options)
     np.testing.assert_array_equal(env.state(), before)
-
-
-def test_seeds_decide_everything():
-    check_seeds(lambda: swarm.parallel_env(2, **SPACE), steps=20)
 
 
 def test_stable_baselines3_takes_it():
