@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from swarm.policies.network import load_policy
 from swarm.policies.policy import AnyPolicy
 from swarm.policies.strategies import Random, Swinging
 from swarm.population.contest import population_test
@@ -31,8 +32,9 @@ SHIPPED = {"cells": 400, "seed": 100}  # of the test that the card tells of
 def run() -> dict[str, list[dict[str, Any]]]:
     """A table of strategies, then one of trained policies for each algorithm."""
     settings = settings_of()
-    devised = tested(settings, {"swinging": Swinging(), "random": Random()}, cells=CELLS)
-    found = {"Strategies": [row({"strategy": name}, devised, name) for name in devised["policy"].values]}
+    others = {"swinging": Swinging(), "random": Random(), "learnt in the plane": load_policy("zoo:linear_n4")}
+    lived = tested(settings, others, cells=CELLS)
+    found = {"Not learnt in space": [row({"policy": name}, lived, name) for name in lived["policy"].values]}
     for algorithm in ("dqn", "ppo"):
         training = trained(settings_of(f"algorithm={algorithm}"))
         policies = dict(zip(map(str, training.seeds), training.policies(), strict=True))
@@ -68,10 +70,9 @@ def row(about: dict[str, Any], lived: xr.Dataset, policy: str) -> dict[str, Any]
     return about | {"gain": f"{gain.mean():.1f} ± {gain.std():.1f}"} | told
 
 
-def ship() -> None:
-    """Trains DQN, and puts the policy that validation prefers into swarm/zoo."""
-    settings = settings_of("tensorboard=false")
-    training = trained(settings)
+def ship(training: Training) -> None:
+    """Puts the policy that validation prefers into swarm/zoo."""
+    settings = training.settings
     policies = tuple(training.policies())
     chosen = int(np.argmax([policy.card["validation"]["gain"] for policy in policies]))
     stack = Stack(settings.recipe, "dqn", EXPERIMENT, tuple(training.seeds), policies, chosen)
@@ -92,4 +93,4 @@ def ship() -> None:
 
 
 if __name__ == "__main__":
-    ship()
+    ship(trained(settings_of()))
