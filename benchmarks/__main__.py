@@ -26,6 +26,7 @@ NAMES = (
     "same_goal_ppo",
     "crowd_path",
     "exact_solutions",
+    "exact_space",
     "population_path",
     "adaptive_cell",
     "continuous_steering",

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from swarm.optimal.physical_limit import Optimal
+from swarm.policies.adaptive import AdaptiveSteering
 from swarm.policies.network import load_policy
 from swarm.policies.policy import AnyPolicy
 from swarm.policies.strategies import Random, Swinging
@@ -32,7 +34,12 @@ SHIPPED = {"cells": 400, "seed": 100}  # of the test that the card tells of
 def run() -> dict[str, list[dict[str, Any]]]:
     """A table of strategies, then one of trained policies for each algorithm."""
     settings = settings_of()
-    others = {"swinging": Swinging(), "random": Random(), "learnt in the plane": load_policy("zoo:linear_n4")}
+    others: dict[str, AnyPolicy] = {
+        "adaptive": AdaptiveSteering(),
+        "swinging": Swinging(),
+        "random": Random(),
+    }
+    others |= {"optimal": Optimal(settings.test_world()), "learnt in the plane": load_policy("zoo:linear_n4")}
     lived = tested(settings, others, cells=CELLS)
     found = {"Not learnt in space": [row({"policy": name}, lived, name) for name in lived["policy"].values]}
     for algorithm in ("dqn", "ppo"):

@@ -35,6 +35,7 @@ Array = Any
 
 MODES = ("linear", "on_off")
 MOST = 60.0  # of |ln p|: a signal that stays away must not overflow
+QUICKEST = 0.3  # σω that is taken by default in space, at least
 RADIANS = 0.5  # that the quickest part of the response turns through in a step, at most
 
 
@@ -105,7 +106,8 @@ class AdaptiveSteering(Checked):
         intervals = as_array(np.asarray(world.clock.intervals), newest)
         length = intervals[0] if world.is_continuous else look_up(intervals, world.last_action(state))
         response = output, sensitivity = self._response(world, length, before, newest, carry)
-        wanted = self.curvature(world, output, self.gain_at(world, sensitivity))
+        steering = output if world.response_sign > 0 else 2 - output
+        wanted = self.curvature(world, steering, self.gain_at(world, sensitivity))
         if world.is_continuous:
             return wanted, Adaptation(*response, carry.owed)
         spacing = world.curvatures[1] - world.curvatures[0]
@@ -116,9 +118,12 @@ class AdaptiveSteering(Checked):
 
     def times(self, world: World) -> tuple[float, float]:
         """σ and μ [time]."""
-        unit = 1 / (world.mean_curvature * max(world.action_speeds))
+        unit = 1 / (world.mean_turning * max(world.action_speeds))
         late = 0.0 if self.continuous else 0.5 * max(world.clock.intervals)
-        return self.relaxation or 3 * unit - late, self.adaptation or unit
+        relaxation = (
+            3 * unit - late if world.dimensions == 2 else unit * max(QUICKEST, 1 - math.tan(late / unit))
+        )
+        return self.relaxation or relaxation, self.adaptation or unit
 
     def swim(self, world: World, state: State, noise: Array, carry: Adaptation) -> tuple[Way, Adaptation]:
         """The way (..., cells) of continuous steering to the next decision, and what is carried on."""
@@ -199,7 +204,7 @@ class AdaptiveSteering(Checked):
     def steps(self, world: World) -> int:
         """How many steps an interval takes."""
         quickest = max(
-            world.mean_curvature * max(world.action_speeds), *(1 / time for time in self.times(world))
+            world.mean_turning * max(world.action_speeds), *(1 / time for time in self.times(world))
         )
         quickest = max(quickest, world.flow.spin_scale, world.curvatures[-1] * world.fastest)
         steps = max(world.clock.intervals) * quickest / RADIANS
