@@ -8,6 +8,7 @@ import pytest
 
 from swarm import World, figures
 from swarm.figures.evaluation import POPULATION
+from swarm.optimal import physical_limit
 from swarm.population.results import load_population, world_of
 from tests.trainers.test_cli import SHORT, refused, run
 from trainers.settings.composition import SettingsError, checked, settings_from
@@ -20,6 +21,7 @@ SPACE = ("experiment=space", *SHORT, "world.life=1", "validation.life=1", "evalu
 def elsewhere(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)
+    monkeypatch.setattr(physical_limit, "SPHERES", (4, 6, 8))  # coarse and quick
     monkeypatch.setattr(figures, "save", lambda figure, path: None)  # pixels take most of the time
 
 
