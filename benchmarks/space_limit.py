@@ -35,7 +35,7 @@ def run() -> dict[str, list[dict[str, Any]]]:
 def lived(name: str, world: World) -> dict[str, Any]:
     """What policies gain in a world, as fractions of its limit."""
     assert world.torsions is not None
-    rivals = {"greedy": Greedy(), "swinging": Swinging(), "random": Random()}
+    rivals: dict[str, Any] = {"greedy": Greedy(), "swinging": Swinging(), "random": Random()}
     policies = {"optimal": Optimal(world.replace(life=LIFE)), **rivals}
     found = population_test(world, policies, cells=CELLS, life=LIFE, record=False, limit=False)
     details = limit_details(world.replace(life=LIFE), draw_starts(world, CELLS, 0))

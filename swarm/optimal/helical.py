@@ -7,8 +7,8 @@ to come is a function of g, on the sphere, and of time left alone,
 
     V(g; t) = max over actions of  g·Δ + V(Rᵀg; t − interval),     V(g; 0) = 0,
 
-held on evenly spaced angles from t and around it, and read between them by cubic splines that run on over
-the poles. What the spacing leaves out is judged from fewer angles.
+held on evenly spaced angles from an axis and around it, and read between them by cubic splines that run on
+over the poles. What the spacing leaves out is judged from fewer angles.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from swarm.optimal.problem import CUBIC, Problem, Progress, backward, part_of
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.helix import conjugate, frame, product, rotated
 
-SPHERES = (32, 64, 96)  # angles from the tangent: for the limit
+SPHERES = (32, 64, 96)  # angles from the pole: for the limit
 SEQUENCES = 16  # of actions that are looked over at once: values are read the more seldom, and blur less
 POLICY_SPHERE = 48  # for the tables that the policy looks ahead in
 KEPT_NUMBERS = 2**24  # of all these tables together, about
@@ -38,9 +38,10 @@ Spheres = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Sphere:
-    """Directions as a cell sees them: `angles` from its tangent × twice as many around it, in this order."""
+    """Directions as a cell sees them: `angles` from a pole × twice as many around it, in this order."""
 
     angles: int
+    tilt: float  # of the pole from the tangent towards the binormal [rad]
 
     @property
     def size(self) -> int:
@@ -51,12 +52,18 @@ class Sphere:
     def directions(self) -> np.ndarray:
         """Unit vectors (size, 3): components along t, n and b. None is a pole."""
         step = math.pi / self.angles
-        from_tangent, around = np.meshgrid(
+        from_pole, around = np.meshgrid(
             step * (np.arange(self.angles) + 0.5), step * np.arange(2 * self.angles), indexing="ij"
         )
-        sine = np.sin(from_tangent)
-        parts = np.cos(from_tangent), sine * np.cos(around), sine * np.sin(around)
-        return np.stack(parts, axis=-1).reshape(-1, 3)
+        sine = np.sin(from_pole)
+        parts = np.cos(from_pole), sine * np.cos(around), sine * np.sin(around)
+        return np.stack(parts, axis=-1).reshape(-1, 3) @ self._axes
+
+    @cached_property
+    def _axes(self) -> np.ndarray:
+        """Unit vectors (3, 3) in the cell's frame: the pole, n and the third."""
+        cosine, sine = math.cos(self.tilt), math.sin(self.tilt)
+        return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
 
     def spline(self, values: np.ndarray) -> np.ndarray:
         """Coefficients (size,) of the cubic spline through `values` (size,)."""
@@ -69,36 +76,46 @@ class Sphere:
         table = np.concatenate([circles[:n], circles[: n - 1 : -1]], axis=1)
         return spline_filter1d(table, axis=1, mode="grid-wrap").reshape(-1)
 
-    def nodes(self, direction: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """The 16 coefficients (cells,) that splines at directions (cells, 3) are read from, and weights."""
+    def nodes(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The coefficients that a spline at directions (cells, 3) is read from, and weights (cells, 16)."""
         n = self.angles
-        x, y, z = np.moveaxis(direction, -1, 0)
+        x, y, z = (direction @ self._axes.T).T
         steps = np.arctan2(np.hypot(y, z), x) * (n / math.pi) - 0.5, np.arctan2(z, y) * (n / math.pi)
-        whole = [np.floor(part).astype(np.int64) for part in steps]
-        along, across = (_b_spline(part - low) for part, low in zip(steps, whole, strict=True))
-        index, weights = [], []
-        for i, a in zip(CUBIC, along, strict=True):
-            row = (whole[0] + i) % (2 * n)  # beyond n on the other side of a pole
-            beyond = row >= n
-            row = np.where(beyond, 2 * n - 1 - row, row)
-            for j, b in zip(CUBIC, across, strict=True):
-                index.append(row * (2 * n) + (whole[1] + j + np.where(beyond, n, 0)) % (2 * n))
-                weights.append(a * b)
-        return index, weights
+        low = [np.floor(part) for part in steps]
+        along, across = (_b_spline(part - whole) for part, whole in zip(steps, low, strict=True))
+        row, column = (whole.astype(np.int32)[:, None] + CUBIC.astype(np.int32) for whole in low)
+        beyond = (row < 0) | (row >= n)  # on the other side of a pole
+        row = np.where(beyond, (2 * n - 1 - row) % (2 * n), row)
+        columns = (each[:, None, :] % (2 * n) for each in (column + n, column))
+        index = row[:, :, None] * (2 * n) + np.where(beyond[:, :, None], *columns)
+        weights = along[:, :, None] * across[:, None, :]
+        return index.reshape(len(x), -1), weights.reshape(len(x), -1)
 
     def read(self, coefficients: np.ndarray, direction: np.ndarray, row: Any = ...) -> np.ndarray:
         """The spline of (size,), or of (rows, size) that in `row` (cells,), at directions (cells, 3)."""
         total: Any = 0.0
-        for index, weight in zip(*self.nodes(direction), strict=True):
+        for index, weight in zip(*(part.T for part in self.nodes(direction)), strict=True):
             total = total + weight * coefficients[row, index]
         return total
 
 
 def _b_spline(offset: np.ndarray) -> np.ndarray:
-    """Weights (4, ...) of a cubic spline's coefficients, read `offset` (...) steps beyond the second."""
+    """Weights (..., 4) of a cubic spline's coefficients, read `offset` (...) steps beyond the second."""
     rest = 1 - offset
     inner = [4 - 3 * part * part * (2 - part) for part in (offset, rest)]
-    return np.stack([rest**3, *inner, offset**3]) / 6
+    return np.stack([rest**3, *inner, offset**3], axis=-1) / 6
+
+
+def sphere_of(problem: Problem, angles: int) -> Sphere:
+    """The sphere whose pole is the axis of the helix that climbs most: on its way, nothing is read between
+    angles from the pole, so that nothing blurs where long lives end up.
+    """
+    assert problem.torsions is not None
+    pairs = zip(problem.curvatures, problem.torsions, problem.speeds, strict=True)
+    _, tilt = max(
+        (speed * abs(tau) / math.hypot(kappa, tau), math.atan2(kappa, tau)) for kappa, tau, speed in pairs
+    )
+    return Sphere(angles, tilt)
 
 
 class _Decisions:
@@ -117,9 +134,8 @@ class _Decisions:
             left = int(problem.after(action, left))
         self.gain = sphere.directions @ moved
         index, weights = sphere.nodes(rotated(conjugate(turned), sphere.directions))
-        data, columns = np.stack(weights, axis=-1), np.stack(index, axis=-1)
-        rows = np.arange(sphere.size + 1, dtype=np.int32) * len(index)
-        parts = data.astype(np.float32).reshape(-1), columns.astype(np.int32).reshape(-1), rows
+        rows = np.arange(sphere.size + 1, dtype=np.int32) * index.shape[1]
+        parts = weights.astype(np.float32).reshape(-1), index.reshape(-1), rows
         self.matrix = csr_array(parts, shape=(sphere.size, sphere.size))
 
     def before(self, spline: np.ndarray) -> np.ndarray:
@@ -172,22 +188,24 @@ class HelicalLimit:
     @classmethod
     def shapes(cls, problem: Problem, spheres: Spheres) -> dict[str, tuple[type, tuple[int, ...]]]:
         """Type and shape of every tensor."""
-        return {f"{n} angles": (np.float64, (Sphere(n).size,)) for n in spheres}
+        return {f"{n} angles": (np.float64, (sphere_of(problem, n).size,)) for n in spheres}
 
     @classmethod
     def compute(cls, problem: Problem, spheres: Spheres, progress: Progress | None = None) -> HelicalLimit:
         """The limit on all the spheres."""
-        tensors, sizes = {}, [Sphere(n).size for n in spheres]
+        tensors, sizes = {}, [sphere_of(problem, n).size for n in spheres]
         for i, (n, name) in enumerate(zip(spheres, cls.shapes(problem, spheres), strict=True)):
             low, high = (sum(sizes[:end]) / sum(sizes) for end in (i, i + 1))
-            *_, tensors[name] = _splines(problem, Sphere(n), SEQUENCES, part_of(progress, low, high))
+            *_, tensors[name] = _splines(
+                problem, sphere_of(problem, n), SEQUENCES, part_of(progress, low, high)
+            )
         return cls(problem, spheres, tensors)
 
     def bounds(self, pose: Pose) -> dict[str, np.ndarray]:
         """The largest gain of a life (cells,) that starts with `pose`, by ever finer spheres."""
         seen = seen_gradient(pose)
         spheres = zip(self.spheres, self.tensors.items(), strict=True)
-        return {name: Sphere(n).read(spline, seen) for n, (name, spline) in spheres}
+        return {name: sphere_of(self.problem, n).read(spline, seen) for n, (name, spline) in spheres}
 
 
 @dataclass(frozen=True)
@@ -201,7 +219,7 @@ class HelicalTables:
     @classmethod
     def compute(cls, problem: Problem, angles: int) -> HelicalTables:
         """The tables on one sphere, of all times left that there is room for."""
-        sphere, times = Sphere(angles), problem.times
+        sphere, times = sphere_of(problem, angles), problem.times
         stride = math.ceil(len(times) * sphere.size / KEPT_NUMBERS)
         kept = np.unique([*range(0, len(times), stride), len(times) - 1])
         splines = np.zeros((len(kept), sphere.size), np.float32)

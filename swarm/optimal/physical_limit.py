@@ -2,8 +2,8 @@
 as a policy.
 
 No cell can gain more on average than the limit, so every gain is quoted against it. It exists for the
-linear field without perturbations, in still water and in the Taylor–Green flow, with intervals that share a
-tick; elsewhere it is None. The gain is Δc = c(t_life) − c(0), in concentration.
+linear field without perturbations, in still water, in the plane and in space, and in the Taylor–Green flow,
+with intervals that share a tick; elsewhere it is None. The gain is Δc = c(t_life) − c(0), in concentration.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ def test_the_bound_of_every_start_is_the_best_of_all_sequences(coarse, name):
     world = World.in_space(**{"life": 0.7} | WORLDS[name])
     starts = draw_starts(world, 300, 1)
     exact = best_of_all(world, starts)
-    assert bound(world, starts) == pytest.approx(exact, abs=0.02)
+    assert bound(world, starts) == pytest.approx(exact, abs=0.03)  # on a coarse sphere
     assert limit_details(world, starts).value == pytest.approx(exact.mean(), abs=1e-3)
 
 
@@ -168,6 +168,17 @@ def test_the_bound_does_not_depend_on_place_and_on_turns_about_the_gradient(coar
     turned = starts._replace(position=starts.position + 7, heading=turn.as_quat(scalar_first=True))
     assert bound(world, turned) == pytest.approx(bound(world, starts), abs=1e-9)
     assert bound(world, starts).std() > 0.1
+
+
+def test_a_cell_whose_axis_is_upright_can_do_little_better_than_go_on(coarse):
+    torsions = (-6.0, -9.0)
+    world = World.in_space(life=10.0, torsions=torsions)
+    climbs = np.abs(torsions) / np.hypot(world.curvatures, torsions)
+    best, climb = np.argmax(climbs), climbs.max()
+    axis = [torsions[best], 0, world.curvatures[best]]
+    upright, _ = Rotation.align_vectors([[0, 0, -1]], [axis])
+    starts = draw_starts(world, 1, 0)._replace(heading=upright.as_quat(scalar_first=True)[None])
+    assert limit(world, starts) == pytest.approx(world.speed * climb * world.life, rel=5e-3)
 
 
 def test_where_there_is_no_room_for_all_times_tables_are_read_between_them(monkeypatch):

@@ -92,8 +92,9 @@ def _teams(teams: Teams, shown: int) -> dict[str, Any]:
 
 
 def _limit(results: xr.Dataset, world: World) -> dict[str, Any] | None:
-    """The limit of lives that end earlier, up to that of the results; in a flow and in space, where each takes
-    long, of theirs alone."""
+    """The limit of lives that end earlier, up to that of the results; in a flow and in space, where each
+    takes long, of theirs alone.
+    """
     end = results.attrs.get("limit")
     if end is None:
         return None
