@@ -2,6 +2,8 @@
 
 import functools
 
+import hypothesis
+import hypothesis.strategies as st
 import numpy as np
 import pytest
 
@@ -320,9 +322,37 @@ def test_an_egg_is_reached_on_the_way():
     np.testing.assert_array_equal(after.finished, reached)
 
 
+@pytest.mark.parametrize("name", ["released_source", "releasing_source"])
+def test_what_an_egg_releases_diffuses_in_space(name):
+    egg = {"dimensions": 3, "egg_position": (1.0, 2.0, 3.0), "diffusivity": 0.05, "age": 8.0}
+    field = World.in_space(field={"type": name, **egg}, start_box=((-2, 4),) * 3, life=4.0).field
+    away, step = rotations(20)[:, :3], 1e-3
+    place = np.array([1.0, 2.0, 3.0]) + 1.5 * away / np.linalg.norm(away, axis=-1, keepdims=True)
+    around = sum(
+        field.at(2.0).concentration(place + way * step * axis) for axis in np.eye(3) for way in (-1, 1)
+    )
+    curvature = (around - 6 * field.at(2.0).concentration(place)) / step**2
+    rate = (field.at(2.001).concentration(place) - field.at(1.999).concentration(place)) / 0.002
+    np.testing.assert_allclose(rate, 0.05 * curvature, rtol=0, atol=1e-5 * np.abs(rate).max() + 1e-8)
+
+
+def test_flow_is_sensed_in_space(xp):
+    world = World.in_space(flow=ABCFlow((0.3, 0.2, 0.1), 1.0), sense_flow=True)
+    assert world.sensor.names[2:] == ("flow_x", "flow_y", "flow_z", "spin_x", "spin_y", "spin_z")
+    (state, *_), _ = lived(xp, world, 1)
+    scales = np.repeat([world.flow.speed_scale, 2 * world.flow.spin_scale], 3)
+    place = to_numpy(state.position)
+    found = np.concatenate([world.flow.velocity(place), world.flow.vorticity(place)], axis=-1) / scales
+    np.testing.assert_allclose(to_numpy(state.memory)[:, 0, 2:], found, rtol=0, atol=1e-14)
+    observed = to_numpy(world.observation(state))
+    assert (np.abs(observed) <= world.observation_bounds).all()
+    with pytest.raises(ValueError, match="sensor must be one in the plane"):
+        World(flow="taylor_green", sensor="memory_with_flow_in_space")
+
+
 def test_who_senses_more_stretches_its_path_to_climb():
-    defaults, coiled = World.in_space(), World.in_space(torsions=(4.0, 9.0))
-    assert (defaults.response_sign, coiled.response_sign, World().response_sign) == (-1, 1, 1)
+    defaults, coiled, flat = World.in_space(), World.in_space(torsions=(4.0, 9.0)), World(torsions=(0.0, 0.0))
+    assert [each.response_sign for each in (defaults, coiled, flat, World())] == [-1, 1, 1, 1]
     for world, at_largest in ((defaults, 0), (coiled, 1)):
         state = world.start(*draw_starts(world, 50, 0))
         concentrations = state.memory[..., 0]
@@ -330,8 +360,35 @@ def test_who_senses_more_stretches_its_path_to_climb():
         assert (action[concentrations.argmax(axis=-1) == 0] == at_largest).all()
         assert (action[concentrations.argmin(axis=-1) == 0] == 1 - at_largest).all()
     policies = {"adaptive": swarm.AdaptiveSteering(), "greedy": swarm.Greedy()}
-    gain = swarm.population_test(defaults, policies, cells=8, life=12.0)["gain"].mean("cell")
+    gain = swarm.population_test(defaults, policies, cells=8, life=12.0, limit=False)["gain"].mean("cell")
     assert gain.sel(policy="adaptive") > 8  # of the field's unit; 14.5
+
+
+RISING = {"still": 0.0, "shear": 0.0, "abc": 0.17, "shear_around_sphere": 0.05}  # u_z at most
+
+
+@hypothesis.given(
+    st.lists(st.floats(-12.0, 12.0), min_size=2, max_size=4),
+    st.floats(0.2, 5.0),
+    st.floats(0.5, 3.0),
+    st.integers(2, 9),
+    st.sampled_from(sorted(RISING)),
+    st.sampled_from([0.0, 0.4]),
+)
+@hypothesis.settings(max_examples=12)
+def test_what_must_hold_in_space(torsions, curvature, speed, n_records, flow, noise):
+    given = {"curvatures": curvature + 0.7 * np.arange(len(torsions)), "torsions": torsions, "speed": speed}
+    world = World(**given, n_records=n_records, flow=flow, curvature_noise=noise, interval_rule="exact")
+    state, rng, before = world.start(*draw_starts(world, 4, 0)), np.random.default_rng(0), np.zeros(4)
+    for _ in range(4):
+        action = rng.integers(world.n_actions, size=4)
+        state, outcome = world.step(state, action, rng.standard_normal((4, 3)))
+        time = world.time(state)
+        assert all(np.isfinite(part).all() for part in (*outcome[:2], state.position))
+        np.testing.assert_allclose(np.linalg.norm(state.heading, axis=-1), 1, rtol=0, atol=1e-14)
+        assert (np.abs(outcome.gain) <= (speed + RISING[flow]) * time * (1 + 1e-12)).all()
+        assert ((time > before) | state.finished).all()
+        before = time
 
 
 def test_a_population_is_tested_and_kept_in_space(tmp_path, monkeypatch):
@@ -362,11 +419,15 @@ def test_a_population_is_tested_and_kept_in_space(tmp_path, monkeypatch):
         ({"action": "continuous"}, "action must be 'discrete' in space .*got 'continuous'"),
         ({"spread": {"speed": 0.1}}, "spread must be None in space"),
         ({"rotational_diffusion": 0.1}, r"rotational_diffusion must be 0\.0 in space .*got 0\.1"),
-        ({"sensor": "memory_with_neighbours"}, "sensor must be one that there is in space"),
+        ({"sensor": "memory_with_neighbours"}, "sensor must be one in space .*got MemoryWithNeighbours"),
         ({"flow": "taylor_green"}, r"flow must have vorticity\(position\) in space .*got TaylorGreen"),
         ({"field": "released_source"}, r"field must be one in space .*got ReleasedSource"),
         ({"start_box": ((0, 1), (0, 1))}, "start_box must have 3 sides in space"),
-        ({"sense_flow": True}, "sensor must be one that there is in space .*got 'memory_with_flow'"),
+        ({"sense_flow": True}, "sense_flow must go with a flow with speed_scale and spin_scale above 0"),
+        (
+            {"sensor": "memory_with_flow", "flow": "abc"},
+            r"sensor must be one in space .*got MemoryWithFlow\(",
+        ),
         ({"flow": FunctionFlow(lambda r: r[..., :2], 1, 1)}, r"flow.velocity must be .*got \(1, 2\)"),
         ({"flow": ABCFlow((2e3, 0, 0), 1e3)}, "flow must vary slowly enough to be followed"),
     ],

@@ -74,7 +74,7 @@ def test_a_field_on_a_grid_in_space_comes_from_a_file_and_ends_at_its_edges(tmp_
     np.testing.assert_allclose(world.field.concentration(place), plume.concentration(place), atol=allowed)
     assert np.array_equal(world.field.inside(place + 9.0), np.zeros(50, bool))
     policies = {"greedy": swarm.Greedy()}
-    gain = swarm.population_test(world, policies, cells=12)["gain"].values
+    gain = swarm.population_test(world, policies, cells=12, limit=False)["gain"].values
     assert np.isfinite(gain).all()
     assert World(**world.described()).described() == world.described()
     data = sampled(5, "clamped", c=plume.concentration)

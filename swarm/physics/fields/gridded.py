@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import operator
 from collections.abc import Sequence
 from typing import Any
 
@@ -63,7 +64,8 @@ class GriddedField(Interpolant):
         super().__init__(grid, shape)
         self.length_unit = check_units(grid.units)
         _, *slopes = self.spline.at_points()
-        measured = float(np.sqrt(np.mean(sum(slope**2 for slope in slopes)[..., grid.known])))
+        squares = [slope**2 for slope in slopes]
+        measured = float(np.sqrt(np.mean(functools.reduce(operator.add, squares)[..., grid.known])))
         has_gradient = measured > NEGLIGIBLE * np.abs(grid.values).max() / min(grid.lattice.spacing)
         if gradient_scale is None:
             if not has_gradient:

@@ -230,7 +230,7 @@ class Spline:
         """`with_slopes` at the lattice's own points and times, (quantities, times, nx, ny[, nz]) each."""
         sides = zip(self.lattice.origin, self.lattice.spacing, self.lattice.shape, strict=True)
         x, *others = (start + step * np.arange(points) for start, step, points in sides)
-        others = np.meshgrid(*others, indexing="ij")
+        others = list(np.meshgrid(*others, indexing="ij"))
         shape = (len(self.coefficients), self.coefficients.shape[1], *self.lattice.shape)
         whole = [np.empty(shape) for _ in range(self.axes + 1)]
         for number in range(shape[1]):

@@ -93,7 +93,7 @@ class HelicalCollocation(Collocation):
         when = None if times is None else stacked(place[0], times)
         for sweep in range(self.sweeps):
             last = sweep == self.sweeps - 1
-            *current, w_x, w_y, w_z = velocity_and_vorticity(flow, *place, when)
+            *current, w_x, w_y, w_z = velocity_and_vorticity(flow, place[0], place[1], place[2], when)
             rates = _turning(turn, (0.5 * w_x, 0.5 * w_y, 0.5 * w_z))
             turn = [integral(table if last else table[:n, ...], rate) for rate in rates]
             led = quaternion_of(turn)

@@ -185,7 +185,7 @@ class Actions:
         if self.torsions is None:
             return 1
         stretched = [abs(tau) / kappa for kappa, tau in zip(self.curvatures, self.torsions, strict=True)]
-        return 1 if stretched[-1] > stretched[0] else -1
+        return -1 if stretched[-1] < stretched[0] else 1
 
     def ends(self, like: Array) -> tuple[Array, Array]:
         """The actions (..., cells) that take κ₁ and κ_m."""

@@ -91,11 +91,9 @@ def check_dimensions(world: Any) -> None:
     for name, value in NOT_IN_SPACE.items() if space else ():
         if (found := getattr(world, name)) != value:
             raise ValueError(f"{name} must be {value!r} in space (with torsions), got {found!r}")
-    if space and getattr(world.sensor, "in_plane_only", False):
-        rule = "sensor must be one that there is in space (with torsions)"
-        raise ValueError(f"{rule}, got {world.sensor.name!r}")
     where = "in space (with torsions)" if space else "in the plane (without torsions)"
-    for name, part in (("field", world.field), ("flow", world.flow)):
+    for name in ("sensor", "field", "flow"):
+        part = getattr(world, name)
         if getattr(part, "coordinates", None) not in (None, world.dimensions):
             raise ValueError(f"{name} must be one {where}, got {part!r}")
         box = getattr(part, "box", None)
