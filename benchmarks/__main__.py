@@ -30,6 +30,7 @@ NAMES = (
     "population_path",
     "adaptive_cell",
     "continuous_steering",
+    "three_dimensions",
     "space_limit",
 )
 FURTHER = ("jax_path",)  # need a library more; measured where they are named
