@@ -14,7 +14,7 @@ from swarm.physics.world import World
 from swarm.policies.strategies import Greedy
 from swarm.population.blocks.block import lives
 from swarm.population.results import RIVAL
-from trainers.algorithms.networks import best
+from trainers.algorithms.networks import RecurrentMLP, best
 
 
 class Validation:
@@ -55,6 +55,11 @@ class Validation:
         env = self.env
         env.set_seeds(self.seeds)  # the same lives every time
         observation = env.restart()
+        carry = policy.begin(observation) if isinstance(policy, RecurrentMLP) else None
         while not env.all_finished():
-            observation = env.advance(best(policy(observation), self.world.action_range)).observation
+            if isinstance(policy, RecurrentMLP):
+                outputs, carry = policy.step(observation, carry)
+            else:
+                outputs = policy(observation)
+            observation = env.advance(best(outputs, self.world.action_range)).observation
         return env.gain().double().mean(-1).cpu().numpy()
