@@ -23,7 +23,7 @@ from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_ra
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.compiled import CompiledUpdate
 from trainers.algorithms.networks import seed_mlp
-from trainers.algorithms.replay import COLUMNS, SeedReplay, packed, width
+from trainers.algorithms.replay import COLUMNS, SeedReplay, width
 from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import Settings
 
@@ -161,7 +161,12 @@ class DQN(Algorithm):
     metrics = ("loss", "q_mean", "epsilon", "learning_rate")
     settings: DQNSettings
     explorers, error = EpsilonGreedy, staticmethod(q_error)
-    kept: tuple[Any, ...] = ("observation", "action", ("collector", "mask"), *(("next", name) for name in REACHED))
+    kept: tuple[Any, ...] = (
+        "observation",
+        "action",
+        ("collector", "mask"),
+        *(("next", name) for name in REACHED),
+    )
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
         if env.world.is_continuous:
@@ -199,7 +204,7 @@ class DQN(Algorithm):
 
     def replay(self, settings: Settings) -> SeedReplay:
         """The empty buffer."""
-        return SeedReplay(self.settings.buffer_size, width(self.env.world.observation_size), self.draws)
+        return SeedReplay(self.settings.buffer_size, self.env.world.observation_size, self.draws)
 
     @staticmethod
     def memory_needed(settings: Settings) -> int:
@@ -239,7 +244,7 @@ class DQN(Algorithm):
         self.waiting = {key: now[complete:] for key, now in window.items()}
         if complete:
             rows = returns(window, self.settings.discount, self.settings.n_steps)
-            self.buffer.extend(packed({key: part[:complete] for key, part in rows.items()}))
+            self.buffer.extend({key: part[:complete] for key, part in rows.items()})
         return complete > 0
 
     def learn(self, rollout: TensorDict, progress: float) -> dict[str, Tensor | float] | None:

@@ -4,7 +4,6 @@ A GRU is shown the newest records alone, and trained through time on sequences t
 state the cell had then, and with decisions that only bring it up to date (R2D2, Kapturowski et al. 2019).
 """
 
-import functools
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
@@ -53,27 +52,42 @@ def sequence_error(
     return of_values(values[..., :-1, :], following, batch, gamma, loss_function)
 
 
-def packed(sequence: Mapping[Any, Tensor], steps: int) -> Tensor:
-    """A row (seeds, cells, width) of each sequence of at most `steps` decisions (decisions, seeds, cells);
-    the rest of shorter ones was not alive.
-    """
+class SequenceReplay(SeedReplay):
+    """Keeps sequences of at most `steps` decisions, with the hidden state (nodes) before the first one."""
 
-    def filled(part: Tensor, length: int) -> Tensor:
-        missing = part.new_zeros(length - len(part), *part.shape[1:])
-        return torch.cat([part, missing]).permute(1, 2, 0, 3).flatten(2).float()
+    def __init__(self, size: int, sizes: tuple[int, int, int], generators: list[torch.Generator]) -> None:
+        self.steps, inputs, self.nodes = sizes
+        super().__init__(size, inputs, generators)
 
-    columns = [sequence[key] for key in PARTS] + [sequence[key].unsqueeze(-1) for key in BARE]
-    rest = [filled(each, steps) for each in columns]
-    return torch.cat([sequence["hidden"], filled(sequence["seen"], steps + 1), *rest], dim=-1)
+    @property
+    def width(self) -> int:
+        """Numbers in a row."""
+        return self.nodes + (self.steps + 1) * self.inputs + (len(PARTS) + len(BARE)) * self.steps
 
+    def pack(self, transitions: Mapping[Any, Tensor]) -> Tensor:
+        """A row (1, seeds, cells, width) of every cell's decisions (decisions, seeds, cells); where there are
+        fewer than `steps`, the rest was not alive.
+        """
 
-def unpacked(rows: Tensor, steps: int, inputs: int, nodes: int) -> dict[Any, Tensor]:
-    """The sequences (..., steps) that were packed in rows (..., width)."""
-    hidden, seen, *rest = rows.split((nodes, (steps + 1) * inputs, *(steps,) * 5), dim=-1)
-    found = dict(zip((*PARTS, *BARE), rest, strict=True))
-    found |= {key: found[key].unsqueeze(-1) for key in PARTS}
-    found |= {key: found[key].bool() for key in (PARTS[-1], BARE[-1])}
-    return found | {"action": found["action"].long(), "hidden": hidden, "seen": seen.unflatten(-1, (-1, inputs))}
+        def filled(part: Tensor, length: int) -> Tensor:
+            missing = part.new_zeros(length - len(part), *part.shape[1:])
+            return torch.cat([part, missing]).permute(1, 2, 0, 3).flatten(2).float()
+
+        columns = [transitions[key] for key in PARTS] + [transitions[key].unsqueeze(-1) for key in BARE]
+        seen = filled(transitions["seen"], self.steps + 1)
+        rest = [filled(each, self.steps) for each in columns]
+        return torch.cat([transitions["hidden"], seen, *rest], dim=-1).unsqueeze(0)
+
+    def unpack(self, rows: Tensor) -> dict[Any, Tensor]:
+        """The sequences (..., steps) that were packed in rows (..., width)."""
+        count = len(PARTS) + len(BARE)
+        sizes = self.nodes, (self.steps + 1) * self.inputs, *(self.steps,) * count
+        hidden, seen, *rest = rows.split(sizes, dim=-1)
+        found = dict(zip((*PARTS, *BARE), rest, strict=True))
+        found |= {key: found[key].unsqueeze(-1) for key in PARTS}
+        found |= {key: found[key].bool() for key in (PARTS[-1], BARE[-1])}
+        found |= {"action": found["action"].long(), "hidden": hidden}
+        return found | {"seen": seen.unflatten(-1, (-1, self.inputs))}
 
 
 def sizes_of(settings: Settings) -> tuple[int, ...]:
@@ -85,12 +99,9 @@ def sizes_of(settings: Settings) -> tuple[int, ...]:
     return (learning.seen * world.features, learning.nodes, *learning.hidden, world.n_actions)
 
 
-def row_of(settings: Settings) -> tuple[int, int]:
-    """Decisions that a sequence is learnt from, and the numbers it is kept as."""
-    learning, (inputs, nodes, *_) = cast(DRQNSettings, settings.learning), sizes_of(settings)
-    decisions = learning.collect or settings.training_world().max_decisions
-    steps = learning.burn_in + decisions
-    return decisions, nodes + (steps + 1) * inputs + (len(PARTS) + len(BARE)) * steps
+def decisions_of(settings: Settings) -> int:
+    """Decisions that a sequence is learnt from."""
+    return settings.learning.collect or settings.training_world().max_decisions
 
 
 class DRQN(DQN):
@@ -104,7 +115,9 @@ class DRQN(DQN):
 
     @staticmethod
     def memory_needed(settings: Settings) -> int:
-        learning, (decisions, width) = cast(DRQNSettings, settings.learning), row_of(settings)
+        learning, (inputs, nodes, *_) = cast(DRQNSettings, settings.learning), sizes_of(settings)
+        decisions = decisions_of(settings)
+        width = nodes + (learning.burn_in + decisions) * (inputs + len(PARTS) + len(BARE))
         rows = 2 * learning.buffer_size + learning.updates * learning.batch_size
         return 4 * rows * width // decisions + memory_of(sizes_of(settings), learning.batch_size)
 
@@ -113,10 +126,10 @@ class DRQN(DQN):
         return RecurrentMLP(sizes, features, [self.keys("network"), self.keys("network", 1)], self.env.device)
 
     def replay(self, settings: Settings) -> SeedReplay:
-        (decisions, width), network = row_of(settings), self.policy
-        self.steps, self.rows = self.settings.burn_in + decisions, max(1, self.rows // decisions)
-        unpack = functools.partial(unpacked, steps=self.steps, inputs=network.inputs, nodes=network.nodes)
-        return SeedReplay(max(1, self.settings.buffer_size // decisions), width, self.draws, unpack=unpack)
+        learning, network, decisions = self.settings, self.policy, decisions_of(settings)
+        self.rows = max(1, learning.batch_size // decisions)
+        sizes = learning.burn_in + decisions, network.inputs, network.nodes
+        return SequenceReplay(max(1, learning.buffer_size // decisions), sizes, self.draws)
 
     def begin(self, epoch: int) -> None:
         super().begin(epoch)
@@ -135,6 +148,11 @@ class DRQN(DQN):
         alive = rows["collector", "mask"].clone()
         alive[:old] = False
         observation = torch.cat([window["observation"], window["next", "observation"][-1:]])
-        whole = {**rows, ("collector", "mask"): alive, "hidden": window["hidden"][0], "seen": self.policy.seen(observation)}
-        self.buffer.extend(packed(whole, self.steps).unsqueeze(0))
+        whole = {
+            **rows,
+            ("collector", "mask"): alive,
+            "hidden": window["hidden"][0],
+            "seen": self.policy.seen(observation),
+        }
+        self.buffer.extend(whole)
         return True

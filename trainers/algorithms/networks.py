@@ -1,5 +1,5 @@
-"""Networks of several independent seeds at once, whose layers hold a weight for every seed: TorchRL's MLP, and
-a recurrent one.
+"""Networks of several independent seeds at once, whose layers hold a weight for every seed: TorchRL's MLP,
+and a recurrent one.
 """
 
 import functools
@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from torchrl.modules import MLP
 
-from swarm.policies.network import Network
+from swarm.policies.network import Network, RecurrentNetwork
 
 
 class SeedLinear(nn.Module):
@@ -42,16 +42,16 @@ class SeedGRU(nn.Module):
 
     def __init__(self, inputs: int, nodes: int, device: Any = None, *, seeds: int = 1) -> None:
         super().__init__()
-        for name, rows in (("input", inputs), ("hidden", nodes)):
-            weight, bias = torch.zeros(2, seeds, rows, 3 * nodes, device=device)[0], torch.zeros(1)
-            setattr(self, f"{name}_weight", nn.Parameter(weight))
-            setattr(self, f"{name}_bias", nn.Parameter(bias.to(device).expand(seeds, 1, 3 * nodes).clone()))
+        for name, rows in (("ih", inputs), ("hh", nodes)):
+            weight, bias = (torch.zeros(seeds, size, 3 * nodes, device=device) for size in (rows, 1))
+            self.register_parameter(f"weight_{name}", nn.Parameter(weight))
+            self.register_parameter(f"bias_{name}", nn.Parameter(bias))
 
     def forward(self, inputs: Tensor, hidden: Tensor) -> Tensor:
-        flat = torch.baddbmm(self.input_bias, inputs.flatten(1, 2), self.input_weight)
+        flat = torch.baddbmm(self.bias_ih, inputs.flatten(1, 2), self.weight_ih)
         states = []
         for given in flat.unflatten(1, inputs.shape[1:3]).unbind(1):
-            held = torch.baddbmm(self.hidden_bias, hidden, self.hidden_weight)
+            held = torch.baddbmm(self.bias_hh, hidden, self.weight_hh)
             (reset, update, new), (of_reset, of_update, of_new) = given.chunk(3, -1), held.chunk(3, -1)
             new = torch.tanh(torch.addcmul(new, torch.sigmoid(reset + of_reset), of_new))
             hidden = torch.lerp(new, hidden, torch.sigmoid(update + of_update))
@@ -60,7 +60,7 @@ class SeedGRU(nn.Module):
 
 
 class RecurrentMLP(nn.Module):
-    """A GRU that is shown the newest records of every observation, and an MLP that values actions by its state.
+    """A GRU that is shown the newest records of observations, and an MLP that values actions by its state.
 
     Inputs (seeds, steps, rows, inputs) and hidden state (seeds, rows, nodes) -> values (seeds, steps, rows,
     actions) and the hidden state after the last step.
@@ -77,7 +77,7 @@ class RecurrentMLP(nn.Module):
         with torch.no_grad():
             for place, key in enumerate(keys[1]):
                 generator = torch.Generator().manual_seed(key)
-                for weight in (self.memory.input_weight, self.memory.hidden_weight):
+                for weight in (self.memory.weight_ih, self.memory.weight_hh):
                     uniform = 2 * torch.rand(weight.shape[1:], generator=generator) - 1
                     weight[place] = uniform / math.sqrt(self.nodes)  # as torch draws them
 
@@ -90,7 +90,7 @@ class RecurrentMLP(nn.Module):
         return observation.new_zeros(*observation.shape[:-1], self.nodes)
 
     def step(self, observation: Tensor, hidden: Tensor) -> tuple[Tensor, Tensor]:
-        """Values (seeds, rows, actions) of observations (seeds, rows, N_T · features), and the hidden state."""
+        """Values (seeds, rows, actions) of observations (seeds, rows, N_T · features); the hidden state."""
         values, hidden = self(self.seen(observation).unsqueeze(1), hidden)
         return values.squeeze(1), hidden
 
@@ -143,8 +143,10 @@ def curvature_at(latent: Tensor, low: float, high: float) -> Tensor:
 def exported(parameters: Mapping[str, Tensor], place: int, card: dict[str, Any]) -> Network:
     """The network of one of the seeds in an MLP's `state_dict`, as a policy that runs in NumPy."""
     arrays = {name: values[place].detach().cpu().numpy() for name, values in parameters.items()}
-    weights = tuple(array.T.copy() for name, array in arrays.items() if name.endswith("weight"))
-    biases = [array[0] for name, array in arrays.items() if name.endswith("bias")]
+    arrays = {name: array.T.copy() if "weight" in name else array[0] for name, array in arrays.items()}
+    memory = {name.removeprefix("memory."): arrays.pop(name) for name in list(arrays) if "memory." in name}
+    weights = tuple(array for name, array in arrays.items() if name.endswith("weight"))
+    biases = [array for name, array in arrays.items() if name.endswith("bias")]
     if card.get("curvature_range") is not None:  # what is left to chance in training is not
         weights, biases = (*weights[:-1], weights[-1][:1]), [*biases[:-1], biases[-1][:1]]
-    return Network(weights, biases, card)
+    return RecurrentNetwork(memory, weights, biases, card) if memory else Network(weights, biases, card)

@@ -4,7 +4,7 @@ Transitions go by TorchRL's keys, but lie in the buffer as rows of numbers: Torc
 entry by entry, while a single tensor goes in and out by one operation.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import torch
@@ -58,25 +58,31 @@ class SeedSampler(RandomSampler):
 
 
 class SeedReplay:
-    """Keeps the newest `size` transitions of every seed, as rows of `width` numbers."""
+    """Keeps the newest `size` transitions of every seed, or whatever else is packed in rows."""
 
-    def __init__(
-        self,
-        size: int,
-        width: int,
-        generators: list[torch.Generator],
-        *,
-        unpack: Callable[[Tensor], Mapping[Any, Tensor]] = unpacked,
-    ) -> None:
-        self.size, self.unpack, device = size, unpack, generators[0].device
+    def __init__(self, size: int, inputs: int, generators: list[torch.Generator]) -> None:
+        self.size, self.inputs, device = size, inputs, generators[0].device
         storage = LazyTensorStorage(size, device=device)
         self.buffer = ReplayBuffer(storage=storage, sampler=SeedSampler(generators))
-        self.buffer.extend(torch.zeros(1, len(generators), width, device=device))
+        self.buffer.extend(torch.zeros(1, len(generators), self.width, device=device))
         self.buffer.empty()  # which leaves the storage as large as it gets
 
-    def extend(self, rows: Tensor) -> None:
-        """Add rows (decisions, seeds, cells, width)."""
-        rows = rows.transpose(1, 2).flatten(0, 1)
+    @property
+    def width(self) -> int:
+        """Numbers in a row."""
+        return width(self.inputs)
+
+    def pack(self, transitions: Mapping[Any, Tensor]) -> Tensor:
+        """Rows (decisions, seeds, cells, width) of transitions (decisions, seeds, cells)."""
+        return packed(transitions)
+
+    def unpack(self, rows: Tensor) -> dict[Any, Tensor]:
+        """The transitions (...) that were packed in rows (..., width)."""
+        return unpacked(rows)
+
+    def extend(self, transitions: Mapping[Any, Tensor]) -> None:
+        """Add transitions (decisions, seeds, cells)."""
+        rows = self.pack(transitions).transpose(1, 2).flatten(0, 1)
         self.buffer.extend(rows[-self.size :])  # two rows for one place would race
 
     def batches(self, count: int, size: int) -> Iterator[dict[Any, Tensor]]:
