@@ -165,6 +165,20 @@ def test_it_shows_no_more_records_than_there_are():
 
 
 @pytest.mark.slow
+def test_a_compiled_update_is_the_stock_one():
+    learning, found = {"collect": 1, "burn_in": 1, "n_steps": 1}, []
+    for how in ("never", "always"):
+        made = algorithm(n_seeds=2, compile=how, learning=learning)
+        for _ in range(3):
+            made.learn(made.collect(0.0), 0.0)
+        found.append(made.tensors())
+    for name, tensor in found[0].items():
+        np.testing.assert_allclose(
+            found[1][name].detach(), tensor.detach(), rtol=1e-4, atol=1e-6, err_msg=name
+        )
+
+
+@pytest.mark.slow
 def test_it_is_trained_tested_compared_watched_and_exported_by_its_name():
     words = [
         "world.life=8",

@@ -161,6 +161,7 @@ class DQN(Algorithm):
     metrics = ("loss", "q_mean", "epsilon", "learning_rate")
     settings: DQNSettings
     explorers, error = EpsilonGreedy, staticmethod(q_error)
+    worth_compiling: float = WORTH_COMPILING
     kept: tuple[Any, ...] = (
         "observation",
         "action",
@@ -194,7 +195,7 @@ class DQN(Algorithm):
         self.buffer = self.replay(settings)
         self.update: Callable[[Mapping], Mapping[str, Tensor]] = self._update
         rounds = learning.epochs * math.ceil(world.max_decisions / (learning.collect or world.max_decisions))
-        if worth_compiling(settings, rounds * learning.updates, WORTH_COMPILING):
+        if worth_compiling(settings, rounds * learning.updates, self.worth_compiling):
             networks = (self.policy, self.loss.target_network)
             self.update = CompiledUpdate(self.loss.error, *networks, self.optimiser, learning.target_rate)
 

@@ -4,6 +4,7 @@ A GRU is shown the newest records alone, and trained through time on sequences t
 state the cell had then, and with decisions that only bring it up to date (R2D2, Kapturowski et al. 2019).
 """
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
@@ -109,6 +110,7 @@ class DRQN(DQN):
 
     settings: DRQNSettings
     explorers, error = RecurrentEpsilonGreedy, staticmethod(sequence_error)
+    worth_compiling = math.inf  # step by step, it takes minutes
     kept = (*DQN.kept, "hidden")
     explorer: RecurrentEpsilonGreedy
     policy: RecurrentMLP
