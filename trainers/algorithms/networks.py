@@ -5,7 +5,7 @@ and a recurrent one.
 import functools
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -39,6 +39,11 @@ class SeedGRU(nn.Module):
 
     It computes what TorchRL's `GRUModule` does (a test holds it); of that one five take three times as long.
     """
+
+    weight_ih: Tensor  # (seeds, inputs, 3 · nodes)
+    weight_hh: Tensor  # (seeds, nodes, 3 · nodes)
+    bias_ih: Tensor  # (seeds, 1, 3 · nodes), as bias_hh
+    bias_hh: Tensor
 
     def __init__(self, inputs: int, nodes: int, device: Any = None, *, seeds: int = 1) -> None:
         super().__init__()
@@ -118,6 +123,17 @@ def seed_mlp(sizes: Sequence[int], keys: Sequence[int], device: Any = None) -> M
                 uniform = 2 * torch.rand(*ends, generator=generator) - 1
                 linear.weight[place] = uniform * math.sqrt(6 / sum(ends))
     return mlp
+
+
+def steered(
+    policy: Callable[[Tensor], Tensor], observation: Tensor, hidden: Tensor | None
+) -> tuple[Tensor, Tensor | None]:
+    """Outputs (seeds, rows, outputs) of a network for observations (seeds, rows, inputs), and the hidden
+    state of a recurrent one, before its first decision None.
+    """
+    if not isinstance(policy, RecurrentMLP):
+        return policy(observation), None
+    return policy.step(observation, policy.begin(observation) if hidden is None else hidden)
 
 
 def memory_of(sizes: Sequence[int], rows: int) -> int:

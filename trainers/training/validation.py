@@ -14,7 +14,7 @@ from swarm.physics.world import World
 from swarm.policies.strategies import Greedy
 from swarm.population.blocks.block import lives
 from swarm.population.results import RIVAL
-from trainers.algorithms.networks import RecurrentMLP, best
+from trainers.algorithms.networks import best, steered
 
 
 class Validation:
@@ -54,12 +54,8 @@ class Validation:
         """
         env = self.env
         env.set_seeds(self.seeds)  # the same lives every time
-        observation = env.restart()
-        carry = policy.begin(observation) if isinstance(policy, RecurrentMLP) else None
+        observation, hidden = env.restart(), None
         while not env.all_finished():
-            if isinstance(policy, RecurrentMLP):
-                outputs, carry = policy.step(observation, carry)
-            else:
-                outputs = policy(observation)
+            outputs, hidden = steered(policy, observation, hidden)
             observation = env.advance(best(outputs, self.world.action_range)).observation
         return env.gain().double().mean(-1).cpu().numpy()
