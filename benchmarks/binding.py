@@ -20,7 +20,8 @@ from trainers.jobs.study import study
 from trainers.jobs.study_figure import estimate, lives_at, sample
 
 FILE, FOLDER = Path("configs/study/binding.yaml"), Path("runs/binding")
-RATE, MEMORY = "world.binding_rate", "memory"
+RATE, MEMORY, OWN = "world.binding_rate", "memory", "own"
+OTHERS = {"exact": "gain without noise", "turning": "gain with rotational diffusion of 0.05"}
 
 
 def run() -> dict[str, list[dict[str, Any]]]:
@@ -32,43 +33,33 @@ def run() -> dict[str, list[dict[str, Any]]]:
 def title_of(rate: float) -> str:
     """What is said of a rate of binding."""
     world = World(binding_rate=rate)
-    noise = math.sqrt(20 / (rate * world.intervals[0]))
+    noise = math.sqrt(world.field.concentration(np.zeros(2)) / (rate * world.intervals[0]))
     signal = world.field.gradient_scale / world.mean_curvature
     return f"λ_b = {rate:g}: signal to noise of a record {signal / noise:.2f}"
 
 
 def rows(found: xr.Dataset, rate: float) -> list[dict[str, Any]]:
-    """A row per policy: what it gains, also where there is no noise, and how far it leads."""
-    places = {
-        (name, test): {RATE: rate, "learner": name, "test": test}
-        for name in found["learner"].values.tolist()
-        for test in found["test"].values.tolist()
-    }
-    limit = float(found["limit"].sel(places[MEMORY, "exact"]))
-    table = []
-    for name in found["policy"].values.tolist():
-        gain, exact = (
-            found["reference_gain"].sel(places[MEMORY, test] | {"policy": name}).values
-            for test in ("own", "exact")
+    """A row per policy: what it gains, how far it leads, and what it gains in the other tests."""
+    here = {RATE: rate, "test": OWN}
+    limit = float(found["limit"].sel(here | {"learner": MEMORY, "test": "exact"}))
+    table, memory = [], sample(lives_at(found, here | {"learner": MEMORY}), "gain")
+    known = [({"learner": MEMORY}, name) for name in found["policy"].values.tolist()]
+    for which, name in known + [({"learner": name}, None) for name in found["learner"].values.tolist()]:
+        gain = sample(lives_at(found, here | which, name), "gain")
+        (low, high), seeds = mean_interval(gain) or (np.nan, np.nan), gain.mean(axis=1)
+        row = {
+            "policy": name or which["learner"],
+            "gain": f"{gain.mean():.2f}",
+            "95% interval": f"{low:.2f} … {high:.2f}",
+            "worst and best seed": None if name else f"{seeds.min():.2f}, {seeds.max():.2f}",
+            "of the limit without noise": f"{gain.mean() / limit:.1%}",
+        }
+        lead, half = gain.mean() - memory.mean(), margin(gain, memory, weights=(1.0, -1.0))
+        own = name is None and which["learner"] == MEMORY
+        row["lead over the memory"] = (
+            None if own else f"{lead:+.2f} ({lead - half:+.2f} … {lead + half:+.2f})"
         )
-        table.append(
-            row(name, gain.mean(), mean_interval(gain), limit) | {"without noise": f"{exact.mean():.2f}"}
-        )
-    for name in found["learner"].values.tolist():
-        own, rival = (sample(lives_at(found, places[each, "own"]), "gain") for each in (name, MEMORY))
-        table.append(row(name, own.mean(), mean_interval(own), limit))
-        table[-1]["without noise"] = f"{estimate(lives_at(found, places[name, 'exact']), 'gain')[0]:.2f}"
-        seeds = own.mean(axis=1)
-        table[-1]["worst and best seed"] = f"{seeds.min():.2f}, {seeds.max():.2f}"
-        if name != MEMORY:
-            lead, half = own.mean() - rival.mean(), margin(own, rival, weights=(1.0, -1.0))
-            table[-1]["lead over the memory"] = f"{lead:.2f} ({lead - half:.2f} … {lead + half:.2f})"
-    names = list(dict.fromkeys(key for each in table for key in each))
-    return [{key: each.get(key) for key in names} for each in table]
-
-
-def row(name: str, mean: float, interval: Any, limit: float) -> dict[str, Any]:
-    """Gain and interval, and the part of the limit without noise."""
-    low, high = np.asarray(interval)
-    told = {"policy": name, "gain": f"{mean:.2f}", "95% interval": f"{low:.2f} … {high:.2f}"}
-    return told | {"of the limit without noise": f"{mean / limit:.1%}"}
+        for test, told in OTHERS.items():
+            row[told] = f"{estimate(lives_at(found, here | which | {'test': test}, name), 'gain')[0]:.2f}"
+        table.append(row)
+    return table
