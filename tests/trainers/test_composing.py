@@ -25,6 +25,7 @@ DEFAULTS = Settings().dotted()
 KEYS = [("dqn", key) for key in DEFAULTS] + [
     ("ppo", key) for key in Settings(algorithm="ppo").dotted() if key.startswith("learning.")
 ]
+KEYS += [("drqn", f"learning.{name}") for name in ("seen", "nodes", "burn_in")]
 
 WRONG = {  # for a key of each type: of another type, of the wrong sign, size
     bool: ["abc", 2, 0.5, None, [True], {}],

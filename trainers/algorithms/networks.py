@@ -37,7 +37,7 @@ class SeedGRU(nn.Module):
     """`nn.GRU` (Cho et al. 2014) for each of a leading axis of seeds: inputs (seeds, steps, rows, inputs) and
     the hidden state before them (seeds, rows, nodes) -> those after each (seeds, steps, rows, nodes).
 
-    It computes what TorchRL's `GRUModule` does (a test holds it); of that one five take three times as long.
+    It computes what TorchRL's `GRUModule` does (a test holds it), which takes seeds one after the other.
     """
 
     weight_ih: Tensor  # (seeds, inputs, 3 · nodes)
