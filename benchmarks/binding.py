@@ -7,6 +7,7 @@ lives begin: c_k/κ̄, how far the concentration on a circle is from its mean at
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from swarm.optimal.physical_limit import limit
+from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.population.statistics import margin, mean_interval
 from trainers.jobs.study import study
@@ -21,7 +24,7 @@ from trainers.jobs.study_figure import estimate, lives_at, sample
 
 FILE, FOLDER = Path("configs/study/binding.yaml"), Path("runs/binding")
 RATE, MEMORY, OWN = "world.binding_rate", "memory", "own"
-OTHERS = {"exact": "gain without noise", "turning": "gain with rotational diffusion of 0.05"}
+OTHERS = {"many": "gain where λ_b is 10⁹", "turning": "gain with rotational diffusion of 0.05"}
 
 
 def run() -> dict[str, list[dict[str, Any]]]:
@@ -41,7 +44,9 @@ def title_of(rate: float) -> str:
 def rows(found: xr.Dataset, rate: float) -> list[dict[str, Any]]:
     """A row per policy: what it gains, how far it leads, and what it gains in the other tests."""
     here = {RATE: rate, "test": OWN}
-    limit = float(found["limit"].sel(here | {"learner": MEMORY, "test": "exact"}))
+    tested = json.loads(found["tested_world"].sel(here | {"learner": MEMORY}).item())
+    world, cells = World(life=tested["life"]), found.sizes["cell"]
+    bound = limit(world, draw_starts(world, cells, 0)) or np.nan
     table, memory = [], sample(lives_at(found, here | {"learner": MEMORY}), "gain")
     known = [({"learner": MEMORY}, name) for name in found["policy"].values.tolist()]
     for which, name in known + [({"learner": name}, None) for name in found["learner"].values.tolist()]:
@@ -52,7 +57,7 @@ def rows(found: xr.Dataset, rate: float) -> list[dict[str, Any]]:
             "gain": f"{gain.mean():.2f}",
             "95% interval": f"{low:.2f} … {high:.2f}",
             "worst and best seed": None if name else f"{seeds.min():.2f}, {seeds.max():.2f}",
-            "of the limit without noise": f"{gain.mean() / limit:.1%}",
+            "of the limit without noise": f"{gain.mean() / bound:.1%}",
         }
         lead, half = gain.mean() - memory.mean(), margin(gain, memory, weights=(1.0, -1.0))
         own = name is None and which["learner"] == MEMORY
