@@ -24,7 +24,7 @@ from trainers.jobs.study_figure import estimate, lives_at, sample
 
 FILE, FOLDER = Path("configs/study/binding.yaml"), Path("runs/binding")
 RATE, MEMORY, OWN = "world.binding_rate", "memory", "own"
-OTHERS = {"many": "gain where λ_b is 10⁹", "turning": "gain with rotational diffusion of 0.05"}
+OTHERS = {"many": "gain with records that are exact means", "turning": "gain with rotational diffusion 0.05"}
 
 
 def run() -> dict[str, list[dict[str, Any]]]:
