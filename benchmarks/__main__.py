@@ -30,7 +30,7 @@ NAMES = (
     "adaptive_cell",
     "continuous_steering",
 )
-FURTHER = ("jax_path",)  # need a library more; measured where they are named
+FURTHER = ("jax_path", "launchers")  # need a library more; measured where they are named
 
 
 def processor() -> str:
