@@ -104,8 +104,8 @@ def _read(table: np.ndarray, heading: np.ndarray, row: np.ndarray | None = None)
     steps = heading * (headings / (2 * np.pi))
     lower = np.floor(steps)
     first = 0 if row is None else row * headings
-    flat = table.reshape(-1)
+    flat, near = table.reshape(-1), lower.astype(np.int64)
     total = np.zeros(heading.shape)
     for node, weight in zip(CUBIC, lagrange(steps - lower, CUBIC), strict=True):
-        total += weight * flat[first + (lower.astype(np.int64) + node) % headings]
+        total += weight * flat[first + (near + node) % headings]
     return total

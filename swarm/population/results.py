@@ -66,9 +66,12 @@ def as_dataset(
     attributes: dict[str, Any],
     *,
     every: int = 1,
+    world: int = 0,
+    cell: int = 0,
 ) -> xr.Dataset:
     """Labelled results of every policy's lives: arrays (cells, ...), series (cells, decisions + 1, ...) of so
-    many decisions one; with several worlds, each (worlds, cells, ...); frames (frames, ...).
+    many decisions one; with several worlds, each (worlds, cells, ...); frames (frames, ...). Worlds and cells
+    are numbered from `world` and `cell` on.
     """
     measured = next(iter(lives.values()))
     longest = max(life["time"].shape[-1] for life in lives.values()) if "time" in measured else 0
@@ -86,9 +89,9 @@ def as_dataset(
             each = [_padded(frames.astype(dtype), 0, most) for frames in each]
         arrays[name] = np.stack(each).astype(dtype)
     arrays["policy"], arrays["axis"] = np.array(list(lives)), np.array(["x", "y"])
-    arrays["cell"] = np.arange(starts.heading.shape[-1], dtype=np.int32)
+    arrays["cell"] = np.int32(cell) + np.arange(starts.heading.shape[-1], dtype=np.int32)
     if starts.heading.ndim > 1:
-        arrays["world"] = np.arange(len(starts.heading), dtype=np.int32)
+        arrays["world"] = np.int32(world) + np.arange(len(starts.heading), dtype=np.int32)
     if longest:
         arrays["decision"] = every * np.arange(longest, dtype=np.int32)
     return relabelled(arrays, json.loads(attributes["world"]).get("units")).assign_attrs(attributes)
