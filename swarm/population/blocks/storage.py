@@ -126,7 +126,7 @@ class Storage:
         made: dict[str, Any] = {}  # by h5py, which does not look up its dimensions for every part
         with (
             files.replacing(self.path) as temporary,
-            h5py.File(temporary, "w") as whole,
+            h5py.File(temporary, "w", rdcc_nbytes=0) as whole,
             h5netcdf.File(whole, "w") as file,
         ):
             for part in parts:
