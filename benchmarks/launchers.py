@@ -53,7 +53,8 @@ def _together(commands: list[tuple[str, ...]], folder: str) -> float:
     options["env"] = {**os.environ, **ONE_THREAD, "PYTHONPATH": os.getcwd()}
     began = perf_counter()
     begun = [subprocess.Popen(command, **options) for command in commands]
-    if any([each.wait() for each in begun]):
+    codes = [each.wait() for each in begun]
+    if any(codes):
         raise RuntimeError("a sweep must end well, which is what did not: is chemoswarm[cluster] installed?")
     return perf_counter() - began
 

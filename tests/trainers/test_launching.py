@@ -5,8 +5,9 @@ import json
 
 import pytest
 
+from swarm._support import files
 from tests.short_runs import short_settings
-from trainers.jobs import cluster, remote
+from trainers.jobs import cluster, remote, sweep
 from trainers.jobs.cluster import ClusterError, launched
 from trainers.jobs.executors import InProcess
 from trainers.jobs.sweep import _launcher
@@ -55,6 +56,13 @@ def test_a_sweep_takes_hydras_words_and_its_own():
     assert _launcher({"hydra.launcher.n_jobs": "3"}) == ("processes", 3, None)
     own = {"launcher": "ray", "launcher.jobs": "4", "launcher.address": "auto"}
     assert _launcher(own) == ("ray", 4, "auto")
+
+
+def test_a_second_driver_of_a_cluster_in_the_same_folder_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(sweep, "launched", None)
+    with files.owned(tmp_path), pytest.raises(FileExistsError, match="is being worked on by another process"):
+        sweep.sweep(["seed=0,1", "tensorboard=false", f"hydra.sweep.dir={tmp_path}", "launcher=ray"])
+    assert [path.name for path in tmp_path.iterdir()] == [".lock"]
 
 
 def test_a_recorded_population_goes_to_its_folder(tmp_path):

@@ -123,7 +123,9 @@ class JaxSwarmEnv:
     def _checked(self, action: Array) -> Array:
         """An action of one world; raises TypeError unless it has the shape and the kind of one."""
         shapes = [(self.n_swimmers,), *([(self.n_swimmers, 1)] if self.world.is_continuous else [])]
-        kind, name = (jnp.floating, "curvatures") if self.world.is_continuous else (jnp.integer, "whole numbers")
+        kind, name = (
+            (jnp.floating, "curvatures") if self.world.is_continuous else (jnp.integer, "whole numbers")
+        )
         shape, dtype = (getattr(action, each, None) for each in ("shape", "dtype"))
         if shape not in shapes or not jnp.issubdtype(dtype, kind):
             got = type(action).__name__ if shape is None else f"{shape} of {dtype}"
@@ -259,7 +261,9 @@ class JaxSwarmEnv:
 def _typed(key: Array) -> Array:
     """A key of the new kind, whichever is given; raises TypeError for what is none."""
     dtype = getattr(key, "dtype", None)
-    if dtype is None or not (jnp.issubdtype(dtype, jax.dtypes.prng_key) or (key.ndim and dtype == jnp.uint32)):
+    if dtype is None or not (
+        jnp.issubdtype(dtype, jax.dtypes.prng_key) or (key.ndim and dtype == jnp.uint32)
+    ):
         got = key if dtype is None else f"{key.shape} of {dtype}"
         raise TypeError(f"key must be one of jax.random, as jax.random.key(0) makes it, got {got}")
     return key if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(key)

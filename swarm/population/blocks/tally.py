@@ -97,7 +97,9 @@ def tally(results: xr.Dataset, bounds: Bounds | None, *, coupled: bool) -> Tally
     gains = results["gain"].transpose("policy", ..., "cell").values  # (policies, [worlds,] cells)
     gains = gains.reshape(len(gains), -1, gains.shape[-1])
     ahead = gains - gains[results["policy"].values.tolist().index(RIVAL)]
-    units = [np.stack([independent(each, coupled) for each in values]) for values in (gains, ahead) if coupled]
+    units = [
+        np.stack([independent(each, coupled) for each in values]) for values in (gains, ahead) if coupled
+    ]
     gains, ahead = (each.reshape(len(each), -1) for each in (gains, ahead))
     moments = [Moments.of(gains), Moments.of(ahead)]
     kept = min(SAMPLE, gains.shape[1])
