@@ -14,6 +14,7 @@ from trainers.jobs.sweep import _launcher
 from trainers.jobs.trial import trial
 from trainers.training.run import train_in
 
+FILES = ["gains.png", "population.nc", "summary.json"]
 SIZES = {"cells": 3, "worlds": None, "life": 2.0, "seed": 0}
 
 
@@ -68,7 +69,7 @@ def test_a_second_driver_of_a_cluster_in_the_same_folder_is_refused(tmp_path, mo
 def test_a_recorded_population_goes_to_its_folder(tmp_path):
     found = trial("swinging", "linear_n4", **SIZES, record="ends", out=tmp_path / "out")
     found.save(tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["population.nc", "summary.json"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == FILES
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (summary["cells"], summary["policy"]) == (3, "swinging")
     with pytest.raises(FileExistsError, match="must be a new or an empty folder"):

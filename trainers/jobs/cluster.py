@@ -101,10 +101,9 @@ class Ray(Executor):
     def _submitted(
         self, options: dict[str, Any], do: Callable[..., Any], *arguments: Any, **named: Any
     ) -> Future:
+        remote = self._remote.options(**options)
         try:
-            asked: Future = (
-                self._remote.options(**options).remote(provenance.versions(), do, arguments, named).future()
-            )
+            asked: Future = remote.remote(provenance.versions(), do, arguments, named).future()
         except self._ray.exceptions.RayError as error:
             raise _lost(error) from None
         future: Future = Future()
