@@ -153,15 +153,18 @@ def driven(life: str) -> list[float]:
     world, policies = _players()
     named = {type(policy).__name__: policy for policy in policies}
     options: dict[str, Any] = {"life": float(life), "record": "ends"}
+
+    def whole(blocks: int) -> tuple[float, float]:
+        elsewhere = Elsewhere()
+        with tempfile.TemporaryDirectory() as folder:
+            own = {"cells": blocks * BLOCK, "out": Path(folder) / "p.nc", "executor": elsewhere}
+            began = process_time()
+            swarm.population_test(world, named, **own, **options).close()
+            return elsewhere.spent, process_time() - began - elsewhere.spent
+
     _load(True)
-    blocks, elsewhere = 4, Elsewhere()
-    with tempfile.TemporaryDirectory() as folder:
-        began, out = process_time(), Path(folder) / "p.nc"
-        swarm.population_test(
-            world, named, cells=blocks * BLOCK, out=out, executor=elsewhere, **options
-        ).close()
-        spent = process_time() - began
-    return [elsewhere.spent / blocks, (spent - elsewhere.spent) / blocks]
+    few, many = whole(2), whole(6)  # what a file costs by itself is in both
+    return [(b - a) / 4 for a, b in zip(few, many, strict=True)]
 
 
 if __name__ == "__main__":

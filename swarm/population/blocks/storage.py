@@ -95,15 +95,16 @@ class Storage:
         columns = {str(name): each.values for name, each in part.variables.items()}
         words = {name: each.tolist() for name, each in columns.items() if each.dtype.kind in "OUT"}
         numbers = {name: np.ascontiguousarray(each) for name, each in columns.items() if name not in words}
-        files.write_bytes(self._file(number), safetensors.numpy.save(numbers, {WORDS: json.dumps(words)}))
+        with files.replacing(self._file(number)) as temporary:
+            safetensors.numpy.save_file(numbers, temporary, {WORDS: json.dumps(words)})
 
     def part(self, number: int) -> xr.Dataset:
-        """A part that is there."""
+        """A part that is there, in which nothing can be looked up by coordinates."""
         with safetensors.safe_open(self._file(number), "numpy") as stored:
             words = json.loads(stored.metadata()[WORDS])
             columns = {name: np.array(each) for name, each in words.items()}
             columns |= {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
-        return relabelled(columns, json.loads(json.loads(self.told)["world"]).get("units"))
+        return relabelled(columns, json.loads(json.loads(self.told)["world"]).get("units"), indexed=False)
 
     def opened(self) -> xr.Dataset:
         """The whole, whose numbers are read when they are asked for."""

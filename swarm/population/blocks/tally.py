@@ -119,6 +119,8 @@ def tally(results: xr.Dataset, bounds: Bounds | None, *, coupled: bool) -> Tally
 
 def _arrivals(results: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """How many cells (policies,) came to the egg, and the mean time (policies,) that these took."""
+    if not results["arrived"].values.any():
+        return np.zeros(results.sizes["policy"], int), np.full(results.sizes["policy"], np.nan)
     times = times_to_egg(results).values.reshape(results.sizes["policy"], -1)
     came = np.isfinite(times)
     means = [row[there].mean() if there.any() else np.nan for row, there in zip(times, came, strict=True)]
