@@ -97,16 +97,21 @@ def tally(results: xr.Dataset, bounds: Bounds | None, *, coupled: bool) -> Tally
     gains = results["gain"].transpose("policy", ..., "cell").values  # (policies, [worlds,] cells)
     gains = gains.reshape(len(gains), -1, gains.shape[-1])
     ahead = gains - gains[results["policy"].values.tolist().index(RIVAL)]
-    units = [
-        np.stack([independent(each, coupled) for each in values]) for values in (gains, ahead) if coupled
+    of_units = [
+        Moments.of(np.stack([independent(each, coupled) for each in values]))
+        for values in (gains, ahead)
+        if coupled
     ]
     gains, ahead = (each.reshape(len(each), -1) for each in (gains, ahead))
-    moments = [Moments.of(gains), Moments.of(ahead)]
+    of_all = [Moments.of(gains), Moments.of(ahead)]
+    of_units = of_units or of_all
     kept = min(SAMPLE, gains.shape[1])
     ranks = ((np.arange(kept) + 0.5) * (gains.shape[1] / kept)).astype(int)
     return Tally(
-        *moments,
-        *([Moments.of(each) for each in units] if coupled else moments),
+        of_all[0],
+        of_all[1],
+        of_units[0],
+        of_units[1],
         (ahead > 0).sum(axis=1),
         *_arrivals(results),
         np.sort(gains, axis=1)[:, ranks],
