@@ -20,6 +20,7 @@ from time import process_time
 from typing import Any
 
 LIFE, POLICY = 4.0, "zoo:linear_n4"
+LIVES = (4.0, 80.0)  # of the second table
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
@@ -50,19 +51,17 @@ def throughput() -> list[dict[str, Any]]:
 
 
 def drivers() -> list[dict[str, Any]]:
-    """A row for each length of life."""
-    rows = []
-    for life in (4.0, 80.0):
-        block, driven = _alone("driven", life)
-        rows.append(
-            {
-                "life": f"{life:g}",
-                "a block, in its worker [ms]": f"{1e3 * block:.0f}",
-                "and in the driver [ms]": f"{1e3 * driven:.0f}",
-                "workers": f"{block / driven:.0f}",
-            }
-        )
-    return rows
+    """A row for each length of life, on which the driver's part does not depend."""
+    *blocks, driver = _alone("driven", *LIVES)
+    return [
+        {
+            "life": f"{life:g}",
+            "a block, in its worker [ms]": f"{1e3 * block:.0f}",
+            "and in the driver [ms]": f"{1e3 * driver:.0f}",
+            "workers": f"{block / driver:.0f}",
+        }
+        for life, block in zip(LIVES, blocks, strict=True)
+    ]
 
 
 def _alone(*words: object) -> list[float]:
@@ -134,37 +133,41 @@ def tested(cells: str, file: str) -> list[float]:
     return [1e9 * spent / decisions, (before + bare(BLOCK, 4)) / 2, memory]
 
 
-def driven(life: str) -> list[float]:
-    """Seconds of processor time that a block takes where it is computed, and in the driver, which writes."""
+class Elsewhere(Executor):
+    """Does tasks here and at once, taking their time, and sends what they give by pickle."""
+
+    workers, spent = 1, 0.0  # [s]
+
+    def submit(self, do: Any, /, *arguments: Any) -> Future:
+        """The outcome of `do(*arguments)`, which is done when this returns."""
+        began = process_time()
+        sent = pickle.dumps(do(*arguments), pickle.HIGHEST_PROTOCOL)
+        self.spent += process_time() - began
+        done: Future = Future()
+        done.set_result(pickle.loads(sent))
+        return done
+
+
+def driven(*lives: str) -> list[float]:
+    """Seconds of processor time that a block of each life takes where it is computed, and the driver for it,
+    which receives and writes.
+    """
     import swarm
     from swarm._support.streams import BLOCK
 
-    class Elsewhere(Executor):
-        workers, spent = 1, 0.0
-
-        def submit(self, do: Any, /, *arguments: Any) -> Future:
-            began = process_time()
-            sent = pickle.dumps(do(*arguments), pickle.HIGHEST_PROTOCOL)
-            self.spent += process_time() - began
-            done: Future = Future()
-            done.set_result(pickle.loads(sent))
-            return done
-
-    world, policies = _players()
-    named = {type(policy).__name__: policy for policy in policies}
-    options: dict[str, Any] = {"life": float(life), "record": "ends"}
-
-    def whole(blocks: int) -> tuple[float, float]:
-        elsewhere = Elsewhere()
+    def whole(blocks: int, life: float) -> tuple[float, float]:
+        world, policies = _players()
+        elsewhere, named = Elsewhere(), {type(policy).__name__: policy for policy in policies}
         with tempfile.TemporaryDirectory() as folder:
-            own = {"cells": blocks * BLOCK, "out": Path(folder) / "p.nc", "executor": elsewhere}
-            began = process_time()
-            swarm.population_test(world, named, **own, **options).close()
+            sizes: dict[str, Any] = {"cells": blocks * BLOCK, "life": life, "record": "ends"}
+            began, out = process_time(), Path(folder) / "p.nc"
+            swarm.population_test(world, named, **sizes, out=out, executor=elsewhere).close()
             return elsewhere.spent, process_time() - began - elsewhere.spent
 
     _load(True)
-    few, many = whole(2), whole(6)  # what a file costs by itself is in both
-    return [(b - a) / 4 for a, b in zip(few, many, strict=True)]
+    first = [whole(1, float(life))[0] for life in lives]
+    few, many = whole(4, LIFE)[1], whole(24, LIFE)[1]  # what a file costs by itself is in both
+    return [*first, (many - few) / 20]
 
 
 if __name__ == "__main__":
