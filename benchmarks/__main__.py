@@ -26,9 +26,11 @@ NAMES = (
     "same_goal_ppo",
     "crowd_path",
     "exact_solutions",
+    "exact_space",
     "population_path",
     "adaptive_cell",
     "continuous_steering",
+    "three_dimensions",
     "space_limit",
 )
 FURTHER = ("jax_path", "launchers")  # need a library more; measured where they are named

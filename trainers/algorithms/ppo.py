@@ -22,7 +22,7 @@ from trainers.settings.schema import Settings
 OF_ACTOR = ("observation", "action_log_prob", "advantage")
 SPREAD = (-5.0, 2.0)  # of the logarithm of a continuous action's deviation
 OF_CRITIC = ("seen", "value_target", "state_value")
-OF_A_CELL = 5  # numbers of the whole world's state for each cell: place, heading, curvature
+OF_A_CELL = {2: 5, 3: 8}  # numbers of a world's state for each cell, by dimensions: place, heading, curvature
 
 
 class Sampling(TensorDictModuleBase):
@@ -37,9 +37,9 @@ class Sampling(TensorDictModuleBase):
     def __init__(self, network: nn.Module, env: SwarmEnv, *, central: bool) -> None:
         super().__init__()
         self.network, self.env, self.central = network, env, central
-        (left, right), (low, high) = env.world.box
-        self.middle = torch.tensor([(left + right) / 2, (low + high) / 2], device=env.device)
-        self.size = max(right - left, high - low) or 1.0
+        box = env.world.box
+        self.middle = torch.tensor([(low + high) / 2 for low, high in box], device=env.device)
+        self.size = max(high - low for low, high in box) or 1.0
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         chances = self.network(tensordict["observation"]).log_softmax(-1)
@@ -213,7 +213,8 @@ def layers_of_critic(settings: Settings) -> tuple[int, ...]:
     """Sizes of its layers, from inputs to outputs."""
     learning = cast(PPOSettings, settings.learning)
     inputs, *hidden, _ = settings.layers
-    return (inputs + OF_A_CELL * learning.n_swimmers * (learning.critic == "central"), *hidden, 1)
+    others = OF_A_CELL[settings.training_world().dimensions] * learning.n_swimmers
+    return (inputs + others * (learning.critic == "central"), *hidden, 1)
 
 
 def clip_by_seed(parameters: list[nn.Parameter], most: float) -> None:

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ASSETS = "assets"
-SCRIPTS = ("three.min.js", "lives.js", "shaders.js", "stage.js", "overlay.js", "app.js")
+SCRIPTS: tuple[str, ...] = ("three.min.js", "lives.js", "shaders.js", "stage.js", "overlay.js", "plane.js")
+SCRIPTS += ("space.js", "volume.js", "app.js")
 LIVES = 24  # shorter ones for which "the limit so far" is computed
 
 
@@ -42,7 +43,8 @@ def page(
     results tell. Cells of `teams` have their colours. Raises ValueError for results without time series.
 
     In a browser, `#t=12` opens the page at a time, `theme=light`, `view=whole`, `cell=3`, `beside=1` and
-    `play=1` choose what else it opens with: `page.html#t=12&view=whole`.
+    `play=1` choose what else it opens with: `page.html#t=12&view=whole`; in space `turn=30` from which side
+    it is seen [degrees].
     """
     if "position" not in results:
         raise ValueError(
@@ -57,13 +59,14 @@ def page(
         "cells": [shown, results.sizes["cell"]],
         "unit": next(iter(units), ""),
         "curvatures": world.curvatures,
+        "torsions": world.torsions,
         "speeds": world.action_speeds,
         "policies": policies_of(results, shown),
         "teams": teams and _teams(teams, shown),
         "needed": world.first_arrivals,
         "delay": world.block_delay,
         "limit": _limit(results, world),
-        "egg": world.egg and {"x": world.egg[0][0], "y": world.egg[0][1], "radius": world.egg[1]},
+        "egg": world.egg and {**dict(zip("xyz", world.egg[0], strict=False)), "radius": world.egg[1]},
         "background": background(results, world, shown),
     }
     # "<" is written out so that no text can end the script it stands in
