@@ -23,6 +23,7 @@ class Lived(NamedTuple):
 
     gain: np.ndarray  # (seeds, cells) [concentration]
     arrived: np.ndarray  # (seeds, cells) bool
+    lifetime: np.ndarray  # (seeds, cells) [time]
 
 
 class WorldFindings(NamedTuple):
@@ -49,6 +50,12 @@ class WorldFindings(NamedTuple):
         """The part that reaches the egg; None where there is none."""
         lived = self.lived[strategy]
         return None if isinstance(lived, str) or self.world.egg is None else estimate(lived.arrived)
+
+    def time_to_egg(self, strategy: str) -> Estimate | None:
+        """How long cells take to the egg [time]; None unless all reach it."""
+        lived = self.lived[strategy]
+        all_arrive = not isinstance(lived, str) and bool(lived.arrived.all())
+        return estimate(lived.lifetime) if all_arrive else None
 
 
 def minimal(name: str, plan: StrategiesPlan) -> Brains:

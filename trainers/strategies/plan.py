@@ -24,6 +24,11 @@ STRATEGIES = {  # in the order of the table
 TUNED = "tuning=ppo_swarm_continuous_n4"  # of PPO where curvatures are actions
 
 
+def usual_worlds() -> tuple[str, ...]:
+    """Those of WORLDS for which there is an experiment."""
+    return tuple(each for each in WORLDS if each in names_of("experiment"))
+
+
 @dataclass(frozen=True)
 class StrategiesPlan(TrainingPlan):
     """What decides the table."""
@@ -31,9 +36,7 @@ class StrategiesPlan(TrainingPlan):
     recipes: tuple[str, ...] = ("swarm",)
     n_seeds: int = 5
     # experiments, whose tests' worlds those of the table are
-    worlds: tuple[str, ...] = dataclasses.field(
-        default_factory=lambda: tuple(each for each in WORLDS if each in names_of("experiment"))
-    )
+    worlds: tuple[str, ...] = dataclasses.field(default_factory=usual_worlds)
     experiments: tuple[str, ...] = dataclasses.field(init=False)  # WORLD_ALGORITHM, what is trained
     generations: int = 30  # of the search for the two-state machine
     cells: int = 400  # of a test

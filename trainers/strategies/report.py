@@ -8,7 +8,7 @@ from swarm._support.tables import NOTHING, Table, percent
 from trainers.paper.claims import Estimate
 from trainers.strategies.illustrations import FIGURE, FOLDER
 from trainers.strategies.measurements import Lived, WorldFindings
-from trainers.strategies.plan import OPTIMAL, PPO, STRATEGIES, StrategiesPlan
+from trainers.strategies.plan import OPTIMAL, PPO, STRATEGIES, StrategiesPlan, usual_worlds
 
 OWN = f"{STRATEGIES[PPO]}, of its own limit"
 LIMIT, ANY = "the limit", "the limit, any curvature"
@@ -22,7 +22,9 @@ def rows(name: str, found: WorldFindings) -> Iterator[dict[str, Any]]:
         row |= {"seeds": seeds, "cells": cells}
         own = found.fraction(strategy, any_curvature=True) if strategy == PPO else None
         numbers = {"gain": found.gain(strategy), "of the limit": found.fraction(strategy)}
-        for what, number in (numbers | {"of its own limit": own, "arrived": found.arrived(strategy)}).items():
+        numbers |= {"of its own limit": own, "arrived": found.arrived(strategy)}
+        numbers["time to the egg"] = found.time_to_egg(strategy)
+        for what, number in numbers.items():
             low, high = (number and number.interval) or (None, None)
             row |= {what: number and number.value, f"{what}, low": low, f"{what}, high": high}
             row[f"{what}, worst seed"] = number and number.lowest
@@ -35,9 +37,8 @@ def text(plan: StrategiesPlan, found: Mapping[str, WorldFindings]) -> str:
 
 
 def _opening(plan: StrategiesPlan) -> str:
-    usual = StrategiesPlan()
-    words = [] if plan.worlds == usual.worlds else [f"experiment={','.join(plan.worlds)}"]
-    words += [*plan.words, *([] if plan.n_seeds == usual.n_seeds else [f"--seeds {plan.n_seeds}"])]
+    words = [] if plan.worlds == usual_worlds() else [f"experiment={','.join(plan.worlds)}"]
+    words += [*plan.words, *([] if plan.n_seeds == StrategiesPlan.n_seeds else [f"--seeds {plan.n_seeds}"])]
     versions = ", ".join(f"{name} {version}" for name, version in provenance.versions().items())
     return f"""# All strategies
 
@@ -101,7 +102,7 @@ def _gains(found: Mapping[str, WorldFindings]) -> str:
     table: list[dict[str, Any]] = []
     for strategy, label in STRATEGIES.items():
         numbers = {name: each.gain(strategy) for name, each in found.items()}
-        told = {name: each and f"{each.value:.2f} ± {_half(each)}" for name, each in numbers.items()}
+        told = {name: each and f"{each.value:.2f} ± {_half(each, 2)}" for name, each in numbers.items()}
         table.append({"strategy": label, **told})
     for label, field in ((LIMIT, "possible"), (ANY, "any_curvature")):
         limits = {name: getattr(each, field) for name, each in found.items()}
@@ -116,8 +117,8 @@ Concentration at the end of a life less that at its start.
 {Table.of(table).as_markdown()}"""
 
 
-def _half(number: Estimate) -> str:
-    return NOTHING if number.interval is None else f"{number.interval[1] - number.value:.2f}"
+def _half(number: Estimate, digits: int) -> str:
+    return NOTHING if number.interval is None else f"{number.interval[1] - number.value:.{digits}f}"
 
 
 def _egg(found: Mapping[str, WorldFindings]) -> str:
@@ -126,14 +127,16 @@ def _egg(found: Mapping[str, WorldFindings]) -> str:
         return ""
     table = []
     for strategy, label in STRATEGIES.items():
-        numbers = {name: each.arrived(strategy) for name, each in around.items()}
-        told = {
-            name: number and f"{percent(number.value)} ({100 * low:.1f} … {100 * high:.1f})"
-            for name, number in numbers.items()
-            for low, high in [(number and number.interval) or (float("nan"), float("nan"))]
-        }
-        table.append({"strategy": label, **told})
+        row: dict[str, Any] = {"strategy": label}
+        for name, each in around.items():
+            part, time = each.arrived(strategy), each.time_to_egg(strategy)
+            low, high = (part and part.interval) or (float("nan"), float("nan"))
+            row[name] = part and f"{percent(part.value)} ({100 * low:.1f} … {100 * high:.1f})"
+            row[f"{name}, time"] = time and f"{time.value:.0f} ± {_half(time, 0)}"
+        table.append(row)
     return f"""## What part arrives at the egg
+
+And how long it takes where all arrive.
 
 {Table.of(table).as_markdown()}"""
 
