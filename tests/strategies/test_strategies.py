@@ -74,6 +74,17 @@ def test_fractions_are_of_each_cells_own_limit_and_times_of_all_or_none():
     assert found.time_to_egg("some") is None
 
 
+def test_intervals_of_fractions_hold_the_truth():
+    random, held, trials = np.random.default_rng(0), 0, 300
+    for _ in range(trials):
+        most = 30 + random.normal(size=40)
+        gain = 0.9 * most + 0.4 * random.normal(size=(5, 1)) + 0.2 * random.normal(size=(5, 40))
+        lived = {DQN: Lived(gain, np.zeros((5, 40), bool), np.zeros((5, 40)))}
+        low, high = WorldFindings(World(), lived, most, "").fraction(DQN).interval
+        held += low < 0.9 < high
+    assert 0.92 < held / trials < 0.98
+
+
 def test_dashes_of_the_same_reason_are_told_once():
     lived = dict.fromkeys(STRATEGIES, "too dark")
     one = WorldFindings(World(), lived, "too dark", "too dark")
