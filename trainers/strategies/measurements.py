@@ -54,8 +54,7 @@ class WorldFindings(NamedTuple):
     def time_to_egg(self, strategy: str) -> Estimate | None:
         """How long cells take to the egg [time]; None unless all reach it."""
         lived = self.lived[strategy]
-        all_arrive = not isinstance(lived, str) and bool(lived.arrived.all())
-        return estimate(lived.lifetime) if all_arrive else None
+        return None if isinstance(lived, str) or not lived.arrived.all() else estimate(lived.lifetime)
 
 
 def minimal(name: str, plan: StrategiesPlan) -> Brains:

@@ -68,13 +68,13 @@ of the limit of the very same cells, whose spread is part of the interval.
 
 def fractions(found: Mapping[str, WorldFindings]) -> Table:
     """What part of the limit each strategy attains in each world."""
-    table = []
+    table: list[dict[str, Any]] = []
     for strategy, label in STRATEGIES.items():
         numbers = {name: each.fraction(strategy) for name, each in found.items()}
-        table.append({"strategy": label} | {name: _percent(each) for name, each in numbers.items()})
+        table.append({"strategy": label, **{name: _percent(each) for name, each in numbers.items()}})
         if strategy == PPO:
             own = {name: each.fraction(PPO, any_curvature=True) for name, each in found.items()}
-            table.append({"strategy": OWN} | {name: _percent(each) for name, each in own.items()})
+            table.append({"strategy": OWN, **{name: _percent(each) for name, each in own.items()}})
     return Table.of(table)
 
 
