@@ -39,7 +39,7 @@ class StrategiesPlan(TrainingPlan):
     worlds: tuple[str, ...] = dataclasses.field(default_factory=usual_worlds)
     experiments: tuple[str, ...] = dataclasses.field(init=False)  # WORLD_ALGORITHM, what is trained
     generations: int = 30  # of the search for the two-state machine
-    cells: int = 400  # of a test
+    cells: int = 200  # of a test
     egg_cells: int = 100  # of a test around an egg
     egg_reach: float = 30.0  # they start in a square around it, so far to each side [length]
     seed: int = 400  # of the test populations
