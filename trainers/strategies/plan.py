@@ -71,4 +71,4 @@ class StrategiesPlan(TrainingPlan):
     @property
     def search(self) -> MinimalPlan:
         """How the two-state machine is searched for."""
-        return MinimalPlan(n_seeds=self.n_seeds, words=self.words, generations=self.generations)
+        return MinimalPlan(n_seeds=self.n_seeds, generations=self.generations)
