@@ -29,6 +29,7 @@ NAMES = (
     "population_path",
     "adaptive_cell",
     "continuous_steering",
+    "space_limit",
 )
 FURTHER = ("jax_path",)  # need a library more; measured where they are named
 

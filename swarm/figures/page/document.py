@@ -89,13 +89,14 @@ def _teams(teams: Teams, shown: int) -> dict[str, Any]:
 
 
 def _limit(results: xr.Dataset, world: World) -> dict[str, Any] | None:
-    """The limit of lives that end earlier, up to that of the results; in a flow, where each takes minutes, of
-    theirs alone."""
+    """The limit of lives that end earlier, up to that of the results; in a flow and in space, where each
+    takes long, of theirs alone.
+    """
     end = results.attrs.get("limit")
     if end is None:
         return None
     life = float(results.attrs["life"])
-    if world.in_flow:
+    if world.in_flow or world.dimensions == 3:
         return {"times": [life], "values": [round(float(end), 4)]}
     starts = Starts(*(results[name].values for name in ("start_position", "start_heading", "past")))
     times = np.linspace(0, life, LIVES + 1).tolist()
