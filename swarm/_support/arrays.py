@@ -80,7 +80,11 @@ def join(*parts: Array) -> Array:
     Of torch tensors each part stays in one piece of memory: compiled loops crawl over interleaved ones.
     """
     first = parts[0]
-    if isinstance(first, np.ndarray) and len(parts) < 5 and all(each.dtype == first.dtype for each in parts[1:]):
+    if (
+        isinstance(first, np.ndarray)
+        and len(parts) < 5
+        and all(each.dtype == first.dtype for each in parts[1:])
+    ):
         joined = np.empty((*first.shape, len(parts)), first.dtype)  # the quickest way for few
         for number, part in enumerate(parts):
             joined[..., number] = part
