@@ -141,7 +141,8 @@ def test_a_seed_trains_the_same_alone_and_in_a_stack(critic, action):
 def test_a_central_critic_sees_all_cells_of_the_world():
     training = Training(short_settings("ppo", learning={"critic": "central", "n_swimmers": 4}))
     training.env.restart()
-    seen = training.algorithm.sampling.seen(training.env.observation)
+    algorithm = training.algorithm
+    seen = algorithm.sampling.seen(training.env.observation, algorithm.collector.poses())
     assert seen.shape[-1] == training.env.world.observation_size + 5 * 4
     np.testing.assert_array_equal(seen[0, 0, -20:], seen[0, 3, -20:])
 

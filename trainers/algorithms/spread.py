@@ -1,0 +1,176 @@
+"""Spread collecting: the decisions of blocks of cells are tasks, wherever these are done.
+
+What a task finds is a pure function of what it is given: settings, block, policy, the cells' state, a number
+of decisions. Blocks have a fixed size and are put together in their order, so that no bit depends on who did
+which, how many did them, or how often one had to be begun again.
+"""
+
+import copy
+import pickle
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from tensordict import TensorDict
+
+from swarm.envs.torchrl import SwarmEnv
+from trainers.algorithms.collector import SeedCollector
+from trainers.settings.learning import LearningSettings
+from trainers.settings.schema import Settings
+
+Arrays = dict[str, np.ndarray]
+Submit = Callable[..., Future]  # of an executor
+
+SEEN, FOLLOWS, ALIVE = "observation", "next.observation", "collector.mask"
+OVER = {"next.reward": 0.0, "next.terminated": False, "next.done": True, ALIVE: False}  # all lives
+
+
+class Block(NamedTuple):
+    """Cells that decide in one task: of every seed some whole worlds, or a part of one."""
+
+    number: int
+    worlds: tuple[int, int]  # of each seed: the first, and the one after the last
+    cells: tuple[int, int]  # of each of these worlds
+    n_swimmers: int  # of a whole world
+
+    @property
+    def first(self) -> int:
+        """Its first row in the population of a seed."""
+        return self.worlds[0] * self.n_swimmers + self.cells[0]
+
+    def of(self, whole: np.ndarray) -> np.ndarray:
+        """The view of what is the block's of an array (seeds, worlds, ...)."""
+        part = whole[:, slice(*self.worlds)]
+        whole_worlds = self.cells == (0, self.n_swimmers)
+        return part if whole_worlds or whole.ndim < 3 else part[:, :, slice(*self.cells)]
+
+
+class Found(NamedTuple):
+    """What came of a block's decisions."""
+
+    rollout: Arrays  # (decisions, seeds, cells, ...), of `observation` one more: what follows the last
+    state: Arrays  # (seeds · worlds, ...) after them
+
+
+def blocks_of(learning: LearningSettings) -> list[Block]:
+    """Blocks of `learning.block` cells of each seed at most."""
+    size, cells, worlds = learning.block, learning.n_swimmers, learning.n_worlds
+    several = max(size // cells, 1)
+    parts = [(first, min(first + size, cells)) for first in range(0, cells, size)]
+    places = [((w, min(w + several, worlds)), part) for w in range(0, worlds, several) for part in parts]
+    return [Block(number, *place, cells) for number, place in enumerate(places)]
+
+
+def collected(settings: Settings, block: Block, policy: bytes, state: Arrays, decisions: int) -> Found:
+    """Up to `decisions` decisions of a block's cells, fewer where all their lives end; `policy` is pickled."""
+    torch.set_num_threads(settings.threads)
+    device = None if settings.device == "cpu" else settings.device
+    env = SwarmEnv(
+        len(settings.seeds) * (block.worlds[1] - block.worlds[0]),
+        device,
+        n_swimmers=block.cells[1] - block.cells[0],
+        seeds=settings.seeds,
+        first=block.first,
+        world=settings.training_world(),
+    )
+    env.load_state_dict_of_env({name: torch.from_numpy(each.copy()) for name, each in state.items()})
+    steering = pickle.loads(policy).to(device or "cpu")
+    flat = SeedCollector(env, steering, block.number).collect(decisions).flatten_keys(".")
+    rollout = {name: _array(each) for name, each in flat.items()}
+    rollout[SEEN] = np.concatenate([rollout[SEEN], rollout.pop(FOLLOWS)[-1:]])
+    return Found(rollout, {name: _array(each) for name, each in env.state_dict_of_env().items()})
+
+
+def here(do: Callable[..., Any], *arguments: Any) -> Future:
+    """The outcome of a task that is done at once, in this process."""
+    future: Future = Future()
+    future.set_result(do(*arguments))
+    return future
+
+
+class SpreadCollector(SeedCollector):
+    """Does what another collector does, by tasks for `submit`.
+
+    With `learning.staleness`, each round of decisions but the first of a life is begun when the one before
+    has ended: while that is learnt from, by the policy of before.
+    """
+
+    def __init__(self, whole: SeedCollector, settings: Settings, submit: Submit = here) -> None:
+        super().__init__(whole.env, whole.policy)
+        self.settings, self.submit, self.blocks = settings, submit, blocks_of(settings.learning)
+        self._begun: tuple[tuple[int, int], list[Future]] | None = None  # at which moment, and which tasks
+
+    def collect(self, decisions: int) -> TensorDict:
+        env, now = self.env, self._moment()
+        waited_for = self._begun[1] if self._begun and self._begun[0] == now else self._begin(decisions)
+        found: list[Found] = [each.result() for each in waited_for]
+        length = max(len(each.rollout[ALIVE]) for each in found)
+        self._put([each.state for each in found], now[1] + length)
+        ahead = self.settings.learning.staleness and not env.all_finished()
+        self._begun = (self._moment(), self._begin(decisions)) if ahead else None
+        return _joined([each.rollout for each in found], length).to(env.device or "cpu")
+
+    def _moment(self) -> tuple[int, int]:
+        return int(self.env.episode[0]), int(self.env.decision[0])
+
+    def _begin(self, decisions: int) -> list[Future]:
+        """Tasks of all blocks, with the policy and the cells as they are now."""
+        held, futures = self._held(), []
+        policy = copy.deepcopy(self.policy).cpu()
+        pickled = None if hasattr(policy, "of_worlds") else pickle.dumps(policy)
+        for block in self.blocks:
+            parts = {name: block.of(each) for name, each in held.items()}
+            begin = {name: each.reshape(-1, *each.shape[2:]).copy() for name, each in parts.items()}
+            steering = pickled or pickle.dumps(policy.of_worlds(self._numbers(block)))
+            futures.append(self.submit(collected, self.settings, block, steering, begin, decisions))
+        return futures
+
+    def _held(self) -> Arrays:
+        """What the environment goes on from: arrays (seeds, worlds, ...)."""
+        arrays = {name: _array(each) for name, each in self.env.state_dict_of_env().items()}
+        seeds = len(self.env.seeds)
+        return {name: each.reshape(seeds, -1, *each.shape[1:]) for name, each in arrays.items()}
+
+    def _put(self, states: list[Arrays], decision: int) -> None:
+        """Let the environment go on from the blocks' states."""
+        whole = {name: np.empty_like(each) for name, each in self._held().items()}
+        for block, state in zip(self.blocks, states, strict=True):
+            for name, each in state.items():
+                place = block.of(whole[name])
+                place[...] = each.reshape(place.shape)
+        whole["decision"][:] = decision  # those of a block whose lives all ended count no further
+        tensors = {name: torch.from_numpy(each).flatten(0, 1) for name, each in whole.items()}
+        self.env.load_state_dict_of_env(tensors)
+
+    def _numbers(self, block: Block) -> torch.Tensor:
+        """Of the block's worlds, those of one seed after those of another (worlds,)."""
+        return torch.from_numpy(
+            block.of(np.arange(self.env.n_worlds).reshape(len(self.env.seeds), -1))
+        ).flatten()
+
+
+def _joined(rollouts: list[Arrays], length: int) -> TensorDict:
+    """The blocks' rollouts side by side; cells whose lives have all ended wait for the others'."""
+    parts = [_waiting(each, length - len(each[ALIVE])) for each in rollouts]
+    arrays = {name: np.concatenate([part[name] for part in parts], axis=2) for name in parts[0]}
+    tensors = {name: torch.from_numpy(each) for name, each in arrays.items()}
+    seen = tensors[SEEN]
+    return TensorDict(
+        tensors | {SEEN: seen[:-1], FOLLOWS: seen[1:]}, (length, *seen.shape[1:3])
+    ).unflatten_keys(".")
+
+
+def _waiting(rollout: Arrays, decisions: int) -> Arrays:
+    """A rollout, and so many decisions after it in which nothing happens."""
+    if decisions == 0:
+        return rollout
+    longer = {name: np.concatenate([each, each[-1:].repeat(decisions, 0)]) for name, each in rollout.items()}
+    for name, value in OVER.items():
+        longer[name][-decisions:] = value
+    return longer
+
+
+def _array(tensor: torch.Tensor) -> np.ndarray:
+    return tensor.detach().cpu().numpy()
