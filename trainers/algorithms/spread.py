@@ -64,7 +64,9 @@ def blocks_of(learning: LearningSettings) -> list[Block]:
 
 
 def collected(settings: Settings, block: Block, policy: bytes, state: Arrays, decisions: int) -> Found:
-    """Up to `decisions` decisions of a block's cells, fewer where all their lives end; `policy` is pickled."""
+    """Up to `decisions` decisions of a block's cells, fewer where all their lives end, by a policy that was
+    pickled.
+    """
     torch.set_num_threads(settings.threads)
     device = None if settings.device == "cpu" else settings.device
     env = SwarmEnv(

@@ -26,9 +26,12 @@ class ClusterError(RunError):
     """A cluster that cannot do what it is asked for."""
 
 
-def launched(launcher: str | None, jobs: int | None = None, address: str | None = None) -> Executor:
+def launched(
+    launcher: str | None, jobs: int | None = None, address: str | None = None, *, retries: int = 0
+) -> Executor:
     """Where tasks run: "here", in so many "processes" (default: 2), or by "ray".
 
+    A task that loses its process is begun again `retries` times, by Ray as often as it takes.
     Raises ValueError for options that do not go together, ClusterError where no cluster answers.
     """
     launcher = check_name("launcher", "here" if launcher is None else launcher, LAUNCHERS)
@@ -38,7 +41,7 @@ def launched(launcher: str | None, jobs: int | None = None, address: str | None 
         return Ray(address, jobs)
     if launcher == "here" and jobs not in (None, 1):
         raise ValueError(f"jobs must come with launcher=processes or ray, got {jobs}")
-    return InProcess() if launcher == "here" else Processes(2 if jobs is None else jobs)
+    return InProcess() if launcher == "here" else Processes(2 if jobs is None else jobs, retries)
 
 
 class Needs(NamedTuple):
@@ -77,8 +80,10 @@ class Ray(Executor):
         cores = self._ray.cluster_resources().get("CPU", 1.0)
         return max(1, int(cores / max(self._needs.cores, 1)))
 
-    def needing(self, needs: Needs) -> "Ray":
-        """The same cluster for tasks that need so much; raises ClusterError where no node has it."""
+    def needing(self, needs: Needs, *, own: bool = False) -> "Ray":
+        """The same cluster for tasks that need so much, `own` if it is let go with these; raises ClusterError
+        where no node has it.
+        """
         named = {"CPU": needs.cores, "GPU": needs.gpus, "memory": needs.memory}
         nodes = [node["Resources"] for node in self._nodes()]
         if not any(all(node.get(name, 0) >= much for name, much in named.items()) for node in nodes):
@@ -86,7 +91,7 @@ class Ray(Executor):
             most = ", ".join(_told(name, max(node.get(name, 0) for node in nodes)) for name in named)
             raise ClusterError(f"a node must have what a task needs, {told}, got at most {most}")
         other = copy.copy(self)
-        other._needs, other._own = needs, False
+        other._needs, other._own = needs, own and self._own
         return other
 
     def submit(self, do: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future:
