@@ -12,7 +12,8 @@ import time
 
 import pytest
 
-from trainers.jobs.executors import Task, executor_for, run_tasks
+from trainers.jobs.executors import Processes, Task, executor_for, run_tasks
+from trainers.training.run_folder import RunError
 
 
 def run(workers, *pieces):
@@ -43,6 +44,26 @@ def test_a_process_that_is_killed_takes_no_other_with_it(death):
     assert isinstance(died, RuntimeError)
     assert "its process was stopped" in str(died)
     assert (done, waited) == (None, 2.0)
+
+
+def killed_at_first(file, then):
+    """Kills its process unless it did before; the counter of its begins stays in a file."""
+    with open(file, "a") as counted:
+        counted.write("x")
+    if os.path.getsize(file) <= then:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return os.path.getsize(file)
+
+
+@pytest.mark.parametrize(("kills", "retries"), [(2, 2), (2, 1)])
+def test_a_task_that_loses_its_process_is_begun_again_as_often_as_it_may(tmp_path, kills, retries):
+    with Processes(1, retries) as executor:
+        future = executor.submit(killed_at_first, str(tmp_path / "begun"), kills)
+        if retries < kills:
+            with pytest.raises(RunError, match="its process was stopped"):
+                future.result(60)
+        else:
+            assert future.result(60) == kills + 1
 
 
 def test_workers_compute_with_one_thread_each():
