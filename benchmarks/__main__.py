@@ -27,6 +27,7 @@ NAMES = (
     "crowd_path",
     "exact_solutions",
     "population_path",
+    "spread_path",
     "adaptive_cell",
     "continuous_steering",
 )

@@ -14,7 +14,7 @@ import torch
 
 from tests.short_runs import NOISE, assert_equal_runs, short_settings, whole
 from tests.trainers.test_cli import elsewhere, refused, run  # noqa: F401
-from trainers.algorithms.spread import blocks_of, collected
+from trainers.algorithms.spread import SpreadCollector, blocks_of, collected
 from trainers.jobs.executors import Processes
 from trainers.settings.learning import DQNSettings
 from trainers.training import run as running
@@ -183,6 +183,25 @@ REFUSED = {
 @pytest.mark.parametrize("words", REFUSED)
 def test_what_cannot_be_spread_is_a_line(words):
     assert REFUSED[words] in refused("train", "learning.n_swimmers=3", "tensorboard=false", *words.split())
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (lambda made: setattr(made.collector.policy, "rule", lambda: 0), "EpsilonGreedy: .*pickle.*lambda"),
+        (
+            lambda made: setattr(made.collector.policy, "env", made.env),
+            "EpsilonGreedy: holds its environment",
+        ),
+        (lambda made: setattr(made, "collector", None), "learning.block must be 0 where NoneType collects"),
+    ],
+    ids=["not picklable", "with its environment", "another collector"],
+)
+def test_what_decides_must_be_able_to_go_elsewhere(change, line):
+    made = Training(settings_for()).algorithm
+    change(made)
+    with pytest.raises(ValueError, match=line):
+        SpreadCollector(made.collector, settings_for(block=2))
 
 
 # --- processes that are killed ------------------------------------------------------------------------------

@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from tensordict import TensorDict
+from torch import nn
+from torchrl.envs import EnvBase
 
 from swarm.envs.torchrl import SwarmEnv
 from trainers.algorithms.collector import SeedCollector
@@ -92,6 +94,18 @@ def here(do: Callable[..., Any], *arguments: Any) -> Future:
     return future
 
 
+def check_portable(policy: nn.Module) -> nn.Module:
+    """Return what decides; raises ValueError unless it can go to another process, without its environment."""
+    try:
+        if any(isinstance(each, EnvBase) for each in policy.modules()):
+            raise TypeError("holds its environment")
+        pickle.dumps(policy)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        rule = "a policy must be one that pickle takes where learning.block collects by tasks"
+        raise ValueError(f"{rule}, got {type(policy).__name__}: {error}") from None
+    return policy
+
+
 class SpreadCollector(SeedCollector):
     """Does what another collector does, by tasks for `submit`.
 
@@ -99,8 +113,13 @@ class SpreadCollector(SeedCollector):
     has ended: while that is learnt from, by the policy of before.
     """
 
-    def __init__(self, whole: SeedCollector, settings: Settings, submit: Submit = here) -> None:
-        super().__init__(whole.env, whole.policy)
+    def __init__(self, whole: SeedCollector | None, settings: Settings, submit: Submit = here) -> None:
+        if whole is None or type(whole) is not SeedCollector:
+            raise ValueError(
+                f"learning.block must be 0 where {type(whole).__name__} collects, got "
+                f"{settings.learning.block}"
+            )
+        super().__init__(whole.env, check_portable(whole.policy))
         self.settings, self.submit, self.blocks = settings, submit, blocks_of(settings.learning)
         self._begun: tuple[tuple[int, int], list[Future]] | None = None  # at which moment, and which tasks
 

@@ -80,10 +80,8 @@ class Ray(Executor):
         cores = self._ray.cluster_resources().get("CPU", 1.0)
         return max(1, int(cores / max(self._needs.cores, 1)))
 
-    def needing(self, needs: Needs, *, own: bool = False) -> "Ray":
-        """The same cluster for tasks that need so much, `own` if it is let go with these; raises ClusterError
-        where no node has it.
-        """
+    def needing(self, needs: Needs) -> "Ray":
+        """The same cluster for tasks that need so much; raises ClusterError where no node has it."""
         named = {"CPU": needs.cores, "GPU": needs.gpus, "memory": needs.memory}
         nodes = [node["Resources"] for node in self._nodes()]
         if not any(all(node.get(name, 0) >= much for name, much in named.items()) for node in nodes):
@@ -91,7 +89,7 @@ class Ray(Executor):
             most = ", ".join(_told(name, max(node.get(name, 0) for node in nodes)) for name in named)
             raise ClusterError(f"a node must have what a task needs, {told}, got at most {most}")
         other = copy.copy(self)
-        other._needs, other._own = needs, own and self._own
+        other._needs, other._own = needs, False
         return other
 
     def submit(self, do: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future:

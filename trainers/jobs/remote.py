@@ -8,7 +8,9 @@ lost worker costs one piece or block, and a lost driver none.
 
 import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,24 +46,25 @@ def needs_of(settings: Settings) -> Needs:
     return Needs(settings.threads, float(on_gpu), LOADED + (0 if on_gpu else 2 * memory_needed(settings)))
 
 
+@contextmanager
 def collectors(
     settings: Settings, launcher: str, jobs: int | None = None, address: str | None = None
-) -> Executor:
-    """What collects the decisions of a run, as `launched` says; raises SettingsError where there are no
-    blocks that could go elsewhere, and as `launched` and `Ray.needing` do.
+) -> Iterator[Executor]:
+    """What collects the decisions of a run, as `launched` says; after an error what is under way is dropped.
+
+    Raises SettingsError where no blocks could go elsewhere, and as `launched` and `Ray.needing` do.
     """
     if launcher != "here" and not settings.learning.block:
         raise SettingsError(
             f"learning.block must be above 0, cells that launcher={launcher} lets decide in a task, got 0"
         )
     executor = launched(launcher, jobs, address, retries=RETRIES)
-    if not isinstance(executor, Ray):
-        return executor
     try:
-        return executor.needing(needs_of_block(settings), own=True)
+        yield executor.needing(needs_of_block(settings)) if isinstance(executor, Ray) else executor
     except BaseException:
-        executor.shutdown()
+        executor.shutdown(cancel_futures=True)
         raise
+    executor.shutdown()
 
 
 def needs_of_block(settings: Settings) -> Needs:

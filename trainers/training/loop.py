@@ -55,8 +55,8 @@ class Training:
         )
         self.algorithm = learner_of(settings)(self.env, settings)
         if learning.block:
-            collector = self.algorithm.collector
-            self.algorithm.collector = SpreadCollector(collector, settings, submit or here)
+            whole = getattr(self.algorithm, "collector", None)
+            self.algorithm.collector = SpreadCollector(whole, settings, submit or here)
         self.validation = Validation(world.replace(life=checked.life), checked.cells, self.seeds, device)
         self.epoch = 0
         self.decisions = 0
