@@ -80,9 +80,10 @@ def join(*parts: Array) -> Array:
     Of torch tensors each part stays in one piece of memory: compiled loops crawl over interleaved ones.
     """
     first = parts[0]
-    if isinstance(first, np.ndarray) and len(parts) == 2 and first.dtype == parts[1].dtype:
-        joined = np.empty((*first.shape, 2), first.dtype)  # the quickest way for two
-        joined[..., 0], joined[..., 1] = parts
+    if isinstance(first, np.ndarray) and len(parts) < 5 and all(each.dtype == first.dtype for each in parts[1:]):
+        joined = np.empty((*first.shape, len(parts)), first.dtype)  # the quickest way for few
+        for number, part in enumerate(parts):
+            joined[..., number] = part
         return joined
     xp = namespace(first)
     if is_torch(parts[0]):
@@ -145,6 +146,15 @@ def replaced(array: Array, row: Array, values: Array) -> Array:
     copy = array.copy() if isinstance(array, np.ndarray) else array.clone()
     copy[..., row] = values
     return copy
+
+
+def polynomial(coefficients: Sequence[float], x: Array) -> Array:
+    """Σ cᵢ xⁱ (...) by Horner's rule."""
+    *lower, last, top = coefficients
+    total = top * x + last
+    for coefficient in reversed(lower):
+        total = total * x + coefficient
+    return total
 
 
 def at_least(numbers: Array, bound: int) -> Array:

@@ -17,6 +17,7 @@ from typing import Any
 from swarm._support.arrays import namespace
 
 Array = Any
+Box = tuple[tuple[float, float], ...]  # (low, high) of x and y, in space of z too
 
 
 def check_installed(needs: str, *packages: str, extra: str) -> None:
@@ -135,15 +136,24 @@ def check_pair(
     return x, y
 
 
-def check_box(name: str, value: Any) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return `value` as ((x_low, x_high), (y_low, y_high)) of floats; raises ValueError where it is none."""
+def check_point(name: str, value: Any) -> tuple[float, ...]:
+    """Return `value` as two floats, or three of a place in space; raises where it is none."""
+    if isinstance(value, Sequence) and len(value) == 3:
+        return tuple(check_number(name, number) for number in value)
+    return check_pair(name, value, rule="two finite numbers (x, y), or three in space")
+
+
+def check_box(name: str, value: Any) -> Box:
+    """Return `value` as ((x_low, x_high), (y_low, y_high)) of floats, in space with a third pair; raises
+    ValueError where it is none.
+    """
     try:
-        (left, right), (bottom, top) = ((check_number(name, number) for number in side) for side in value)
+        sides = tuple(tuple(check_number(name, number) for number in side) for side in value)
     except (TypeError, ValueError):
-        left, right, bottom, top = 1.0, 0.0, 1.0, 0.0
-    if left > right or bottom > top:
+        sides = ()
+    if len(sides) not in (2, 3) or not all(len(side) == 2 and side[0] <= side[1] for side in sides):
         raise ValueError(f"{name} must be ((x_low, x_high), (y_low, y_high)) with low <= high, got {value!r}")
-    return (left, right), (bottom, top)
+    return sides  # type: ignore[return-value]
 
 
 def optional(check: Callable[..., Any]) -> Callable[..., Any]:

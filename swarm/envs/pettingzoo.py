@@ -41,7 +41,7 @@ def parallel_env(
     sense_flow: bool = World.sense_flow,
     varying_speed: bool = World.varying_speed,
     life: float = World.life,
-    start_box: tuple[tuple[float, float], tuple[float, float]] | None = World.start_box,
+    start_box: tuple[tuple[float, float], ...] | None = World.start_box,
     max_cycles: int | None = None,
     render_mode: str | None = None,
     curvatures: Sequence[float] = World.curvatures,

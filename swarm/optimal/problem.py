@@ -102,6 +102,8 @@ def lagrange(offset: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 
 def why_no_limit(world: World) -> str | None:
     """What keeps the limit of a world from being computed, or None where nothing does."""
+    if world.dimensions != 2:
+        return f"a world in the plane, got torsions = {world.torsions}"
     if type(world.field) is not LinearField:
         return f"a linear field, got {world.field!r}"
     if type(world.flow) not in (StillWater, TaylorGreen):

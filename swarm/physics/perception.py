@@ -29,8 +29,8 @@ SENSORS = Registry("sensor", "chemoswarm.sensors")
 class Situation(NamedTuple):
     """Where cells are when they take a record, and what the world finds there for them."""
 
-    position: Array  # (..., cells, 2) [length]
-    heading: Array  # (..., cells, 2) unit vector
+    position: Array  # (..., cells, 2) [length]; in space (..., cells, 3)
+    heading: Array  # (..., cells, 2) unit vector; in space frames (..., cells, 4)
     concentration: Array  # (..., cells) with its noise [concentration]
     curvature: Array  # (..., cells) κ*, chosen for the interval that ends here
     finished: Array  # (..., cells) bool: the life was over before
@@ -43,7 +43,8 @@ class Sensor(Protocol):
     """What the world asks of a sensor.
 
     Used when there: `needs_time = True`; `senses_others = True`, which makes cells decide at the same
-    moments; and `check(world)`, which raises ValueError where the sensor does not fit a world.
+    moments; `in_plane_only = True`; and `check(world)`, which raises ValueError where the sensor does not fit
+    a world.
     """
 
     @property
@@ -109,6 +110,7 @@ class MemoryWithFlow(Memory):
 
     name = "memory_with_flow"
     names: ClassVar[tuple[str, ...]] = (*Memory.names, "flow_x", "flow_y", "spin")
+    in_plane_only = True
 
     def check(self, world: World) -> None:
         """Raises ValueError where the flow has nothing to normalise by."""
@@ -121,7 +123,8 @@ class MemoryWithFlow(Memory):
     def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
         """c κ̄/c_k, κ*, u_x*, u_y*, ω₀*."""
         flow = world.flow
-        x, y, spin = velocity_and_spin(flow, *components(situation.position), time)
+        place_x, place_y = components(situation.position)
+        x, y, spin = velocity_and_spin(flow, place_x, place_y, time)
         sensed = x / flow.speed_scale, y / flow.speed_scale, spin / flow.spin_scale
         return *super().record(world, time, situation), *sensed
 
@@ -178,6 +181,7 @@ class MemoryWithNeighbours(Checked):
 
     name: ClassVar[str] = "memory_with_neighbours"
     senses_others: ClassVar[bool] = True
+    in_plane_only: ClassVar[bool] = True
 
     @property
     def names(self) -> Sequence[str]:

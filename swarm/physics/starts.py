@@ -21,8 +21,8 @@ _Draw = Callable[[np.random.Generator, int], np.ndarray]
 class Starts(NamedTuple):
     """What a life begins with; every policy can be given the same."""
 
-    position: np.ndarray  # (cells, 2) [length]
-    heading: np.ndarray  # (cells,) in [−π, π) [rad]
+    position: np.ndarray  # (cells, 2) [length]; in space (cells, 3)
+    heading: np.ndarray  # (cells,) in [−π, π) [rad]; in space frames (cells, 4), unit quaternions
     past: np.ndarray  # (cells, N_T) actions, newest first
 
 
@@ -35,6 +35,11 @@ class SpreadStarts(NamedTuple):
     factors: np.ndarray  # (cells, 2) of speed and curvature
 
 
+def cells_of(starts: Starts) -> tuple[int, ...]:
+    """The shape (..., cells) of starts."""
+    return starts.position.shape[:-1]
+
+
 def draw_starts(
     world: World,
     cells: int,
@@ -44,8 +49,8 @@ def draw_starts(
     episode: int = 0,
     first: int = 0,
 ) -> Starts:
-    """Starts uniform in the world's box and in heading, with a random past, in float64; those of the cells
-    from the `first` of a population on.
+    """Starts uniform in the world's box and in heading, in space over all rotations, with a random past, in
+    float64; those of the cells from the `first` of a population on.
 
     Poses are the same for every N_T. Starts within reach of the egg or outside the domain are drawn again; a
     past that leaves the domain is cut short, see `World.start`. Raises ValueError where the box leaves no
@@ -57,12 +62,12 @@ def draw_starts(
     def drawn(draw: _Draw, purpose: streams.Purpose, *attempt: int) -> np.ndarray:
         return streams.by_cell(draw, cells, population, purpose, seed, episode, *attempt, first=first)
 
-    pose = functools.partial(_draw_poses, world)
+    pose, axes = functools.partial(_draw_poses, world), world.dimensions
     poses = drawn(pose, "start")
     for attempt in range(1, _ATTEMPTS):
-        taken = _in_egg(world, poses[:, :2])
+        taken = _in_egg(world, poses[:, :axes])
         for inside in world.domains:
-            taken = taken | ~np.asarray(inside(poses[:, :2]))
+            taken = taken | ~np.asarray(inside(poses[:, :axes]))
         if not taken.any():
             break
         poses = np.where(taken[:, None], drawn(pose, "start", attempt), poses)
@@ -71,7 +76,8 @@ def draw_starts(
         raise ValueError(f"start_box must leave room {rule} = {world.egg}, got {world.box}")
     records, actions = world.n_records, world.n_actions
     past = drawn(lambda generator, rows: generator.integers(actions, size=(rows, records)), "past")
-    starts = Starts(poses[:, :2].copy(), poses[:, 2].copy(), past)
+    heading = poses[:, 2].copy() if axes == 2 else _rotations(poses[:, axes:])
+    starts = Starts(poses[:, :axes].copy(), heading, past)
     if world.spread is None:
         return starts
     normal = drawn(lambda generator, rows: generator.standard_normal((rows, 2)), "spread")
@@ -257,13 +263,24 @@ class Draws:
 
 
 def _draw_poses(world: World, generator: np.random.Generator, cells: int) -> np.ndarray:
-    (left, right), (bottom, top) = world.box
-    low, high = np.array([left, bottom, -np.pi]), np.array([right, top, np.pi])
-    return low + (high - low) * generator.random((cells, 3))
+    turns = [(-np.pi, np.pi)] if world.dimensions == 2 else 3 * [(0.0, 1.0)]
+    low, high = np.array([*world.box, *turns]).T
+    return low + (high - low) * generator.random((cells, len(low)))
+
+
+def _rotations(numbers: np.ndarray) -> np.ndarray:
+    """Unit quaternions (cells, 4), uniform over all rotations where numbers (cells, 3) are in [0, 1)
+    (Shoemake 1992, Graphics Gems III, 124).
+    """
+    part, first, second = numbers.T
+    angles, sizes = 2 * np.pi * np.stack([second, first, first, second]), np.stack([part, 1 - part])
+    waves = np.stack([np.cos(angles[0]), np.sin(angles[1]), np.cos(angles[2]), np.sin(angles[3])], axis=-1)
+    return waves * np.sqrt(sizes)[[0, 1, 1, 0]].T
 
 
 def _in_egg(world: World, position: np.ndarray) -> np.ndarray:
     if world.egg is None:
         return np.zeros(len(position), bool)
     centre, radius = world.egg
-    return np.hypot(*(position - np.asarray(centre)).T) <= radius
+    distance: np.ndarray = functools.reduce(np.hypot, (position - np.asarray(centre)).T)
+    return distance <= radius

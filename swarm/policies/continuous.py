@@ -26,6 +26,8 @@ X, Y, HEADING, OUTPUT, SENSITIVITY, TURNED = range(6)  # variables, the last is 
 
 def check_alone(world: World) -> None:
     """Raises ValueError unless cells of the world can steer continuously."""
+    if world.dimensions != 2:
+        raise ValueError(f"continuous steering must be in the plane, got torsions = {world.torsions}")
     speeds, intervals = set(world.action_speeds), set(world.intervals)
     if world.interactions or world.medium is not None or len(speeds) > 1 or len(intervals) > 1:
         raise ValueError(

@@ -13,7 +13,7 @@ import numpy as np
 
 from swarm._support import files, provenance
 from swarm.physics.grids import hdf5
-from swarm.physics.starts import Starts
+from swarm.physics.starts import Starts, cells_of
 from swarm.physics.world import World
 from swarm.physics.world.rules import PARTS, in_units
 
@@ -42,6 +42,7 @@ SERIES: dict[str, Column] = {
     "centre": (("axis",), np.float32, "length", "centre of curvature"),
     "concentration": ((), np.float32, "concentration", "concentration at the position"),
     "eaten": ((), np.float32, "amount", "eaten of the medium so far"),  # where there is one
+    "torsion": ((), np.float32, "1/length", "torsion of the interval that ends here"),  # in space
 }
 FRAMES: dict[str, Column] = {  # name: dimensions after policy; of the first world's medium
     "medium": (("frame", "x", "y"), np.float32, "concentration", "deviation, or what is carried, at nodes"),
@@ -53,7 +54,12 @@ STARTS: dict[str, Column] = {
     "start_heading": (("cell",), np.float64, "rad", "heading at t = 0, counter-clockwise from +x"),
     "past": (("cell", "record"), np.int32, "", "actions before t = 0, newest first"),
 }
-COORDINATES = ("policy", "world", "cell", "axis", "record", "decision", "frame", "x", "y")
+IN_SPACE: dict[str, Column] = {  # in place of those of the plane
+    "heading": (("quaternion",), np.float32, "", "frame, a unit quaternion from body to lab"),
+    "centre": (("axis",), np.float32, "length", "nearest point of the axis of the helix"),
+    "start_heading": (("cell", "quaternion"), np.float64, "", "frame at t = 0, a unit quaternion"),
+}
+COORDINATES = ("policy", "world", "cell", "axis", "quaternion", "record", "decision", "frame", "x", "y")
 
 
 class ResultsError(ValueError):
@@ -70,7 +76,8 @@ def as_dataset(
     """Labelled results of every policy's lives: arrays (cells, ...), series (cells, decisions + 1, ...) of so
     many decisions one; with several worlds, each (worlds, cells, ...); frames (frames, ...).
     """
-    measured = next(iter(lives.values()))
+    measured, cells = next(iter(lives.values())), cells_of(starts)
+    axes = starts.position.shape[-1]
     longest = max(life["time"].shape[-1] for life in lives.values()) if "time" in measured else 0
     arrays: dict[str, np.ndarray] = {
         name: values.astype(STARTS[name][1]) for name, values in zip(STARTS, starts[:3], strict=True)
@@ -80,15 +87,17 @@ def as_dataset(
             continue
         each = [life[name] for life in lives.values()]
         if name in SERIES:
-            each = [_padded(series, starts.heading.ndim, longest) for series in each]
+            each = [_padded(series, len(cells), longest) for series in each]
         elif name in FRAMES:
             most = max(map(len, each))
             each = [_padded(frames.astype(dtype), 0, most) for frames in each]
         arrays[name] = np.stack(each).astype(dtype)
-    arrays["policy"], arrays["axis"] = np.array(list(lives)), np.array(["x", "y"])
-    arrays["cell"] = np.arange(starts.heading.shape[-1], dtype=np.int32)
-    if starts.heading.ndim > 1:
-        arrays["world"] = np.arange(len(starts.heading), dtype=np.int32)
+    arrays["policy"], arrays["axis"] = np.array(list(lives)), np.array(["x", "y", "z"])[:axes]
+    if axes == 3:
+        arrays["quaternion"] = np.array(["w", "x", "y", "z"])
+    arrays["cell"] = np.arange(cells[-1], dtype=np.int32)
+    if len(cells) > 1:
+        arrays["world"] = np.arange(cells[0], dtype=np.int32)
     if longest:
         arrays["decision"] = every * np.arange(longest, dtype=np.int32)
     return relabelled(arrays, json.loads(attributes["world"]).get("units")).assign_attrs(attributes)
@@ -98,8 +107,8 @@ def relabelled(arrays: Mapping[str, np.ndarray], own: Any) -> xr.Dataset:
     """Results of their arrays by name, coordinates among them, in a world's own units where it has some."""
     import xarray as xr
 
-    columns = {**STARTS, **LIVES, **SERIES, **FRAMES}
-    dimensions = _dimensions(worlds="world" in arrays)
+    space = "quaternion" in arrays
+    columns, dimensions = columns_of(space), _dimensions(worlds="world" in arrays, space=space)
     variables = {
         name: (dimensions[name], values, _labels(in_units(columns[name][2], own), columns[name][3]))
         for name, values in arrays.items()
@@ -126,21 +135,26 @@ def pooled(results: xr.Dataset) -> xr.Dataset:
     together = places.rename(place="cell").assign_coords(
         cell=np.arange(places.sizes["place"], dtype=np.int32)
     )
-    expected = _dimensions(worlds=False)
+    expected = _dimensions(worlds=False, space="quaternion" in results.dims)
     return together.assign(
         {name: together[name].transpose(*expected[str(name)]) for name in together.data_vars}
     )
 
 
-def _dimensions(worlds: bool) -> dict[str, tuple[str, ...]]:
+def columns_of(space: bool) -> dict[str, Column]:
+    """All variables of results, by name."""
+    columns = {**STARTS, **LIVES, **SERIES, **FRAMES}
+    return columns | (IN_SPACE if space else {})
+
+
+def _dimensions(worlds: bool, space: bool) -> dict[str, tuple[str, ...]]:
     """What the variables of results lie along."""
     several = ("world",) * worlds
-    found = {name: (*several, *dimensions) for name, (dimensions, *_) in STARTS.items()}
-    found |= {name: ("policy", *several, "cell", *extra) for name, (extra, *_) in LIVES.items()}
-    found |= {name: ("policy", *dimensions) for name, (dimensions, *_) in FRAMES.items()}
-    return found | {
-        name: ("policy", *several, "cell", "decision", *extra) for name, (extra, *_) in SERIES.items()
-    }
+    along = {name: extra for name, (extra, *_) in columns_of(space).items()}
+    found = {name: (*several, *along[name]) for name in STARTS}
+    found |= {name: ("policy", *several, "cell", *along[name]) for name in LIVES}
+    found |= {name: ("policy", *along[name]) for name in FRAMES}
+    return found | {name: ("policy", *several, "cell", "decision", *along[name]) for name in SERIES}
 
 
 def origin(world: World, seed: int) -> dict[str, Any]:
@@ -236,7 +250,7 @@ def _check_header(file: Path, size: int) -> None:
 
 
 def _check_results(results: xr.Dataset) -> None:
-    expected = _dimensions(worlds="world" in results.dims)
+    expected = _dimensions(worlds="world" in results.dims, space="quaternion" in results.dims)
     for name, values in results.data_vars.items():
         if values.dims != (dimensions := expected.get(str(name))):
             raise ResultsError(f"{name!r} must have the dimensions {dimensions}, got {values.dims}")

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm._support import streams
-from swarm.physics.starts import Draws, Starts, draw_chance, draw_record_noise, noise_of
+from swarm.physics.starts import Draws, Starts, cells_of, draw_chance, draw_record_noise, noise_of
 from swarm.physics.world import Outcome, State, World
 from swarm.policies.policy import AnyPolicy, begin, is_deterministic, lived
 
@@ -40,9 +40,9 @@ def rollout(
     """
     which: Any = {"population": population, "episode": episode, "first": first}
     state = started(world, starts, seed, **which) if state is None else state
-    numbers = chances(world, starts.heading.shape, seed, chance=not is_deterministic(policy), **which)
+    numbers = chances(world, cells_of(starts), seed, chance=not is_deterministic(policy), **which)
     carry = begin(policy, world, state)
-    yield Moment(state, np.ones(starts.heading.shape, bool), None)
+    yield Moment(state, np.ones(cells_of(starts), bool), None)
     for decision in range(world.max_decisions):
         alive = ~state.finished
         chance, kicks = numbers(decision)
@@ -62,7 +62,7 @@ def started(
     first: int = 0,
 ) -> State:
     """The state at t = 0, its records with their noise; starts and episodes as of `chances`."""
-    cells = starts.heading.shape
+    cells = cells_of(starts)
     draw = functools.partial(draw_record_noise, world, cells[-1], seed, population=population, first=first)
     noise = [part for each in _episodes(cells, episode) if (part := draw(episode=each)) is not None]
     if not noise:

@@ -94,11 +94,10 @@ def test_a_plain_function_is_a_field():
     assert field.egg_radius is None
 
 
-@pytest.mark.parametrize("value", [1.0, (1.0,), (1.0, 2.0, 3.0), (1.0, math.inf), ("x", "y"), None])
+@pytest.mark.parametrize("value", [1.0, (1.0,), (1.0, 2.0, 3.0, 4.0), (1.0, math.inf), ("x", "y"), None])
 def test_an_egg_must_lie_somewhere(value):
-    with pytest.raises(
-        (TypeError, ValueError), match=r"egg_position must be two finite numbers \(x, y\), got"
-    ):
+    rule = r"egg_position must be two finite numbers \(x, y\), or three in space, got"
+    with pytest.raises((TypeError, ValueError), match=rule):
         GaussianPlume(egg_position=value)
 
 

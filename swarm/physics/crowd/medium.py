@@ -39,8 +39,8 @@ Array = Any
 
 
 def _check_room(name: str, value: Any) -> Box:
-    box = check_box(name, value)
-    if any(low == high for low, high in box):
+    box: Any = check_box(name, value)
+    if len(box) != 2 or any(low == high for low, high in box):
         raise ValueError(f"{name} must be wider than 0, got {value!r}")
     return box
 

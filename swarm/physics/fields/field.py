@@ -4,7 +4,8 @@ A field is any object with `concentration(position)` and `gradient_scale`. Furth
 they are there and not None: `max_gradient` (a bound of |∇c|, for the observation space), `egg_radius` and
 `egg_position` (the egg, whose reach ends a life), `inside(position)` (where the field is known; a cell that
 leaves is truncated) and `box` (the default start box). One that changes has `at(time)`, which returns it
-frozen at a time, and may have `max_rate`, a bound of |∂c/∂t|; scales, bounds and egg never change.
+frozen at a time, and may have `max_rate`, a bound of |∂c/∂t|; scales, bounds and egg never change. One that
+holds in the plane only has `coordinates` = 2, one that holds in space only 3.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Field(Protocol):
         ...
 
     def concentration(self, position: Array) -> Array:
-        """Concentration (...) at `position` (..., 2)."""
+        """Concentration (...) at `position` (..., 2), in space (..., 3)."""
         ...
 
 

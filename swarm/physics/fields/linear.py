@@ -13,7 +13,7 @@ from swarm.physics.fields.field import FIELDS
 @FIELDS.register("linear")
 @dataclass(frozen=True)
 class LinearField(Checked):
-    """c = c_k y + c_0 (paper: linear concentration field)."""
+    """c = c_k y + c_0 (paper: linear concentration field), in space c_k z + c_0."""
 
     gradient_scale: float = parameter(1.0, check_number, above=0.0)  # c_k, paper table 1
     offset: float = parameter(20.0, check_number)  # c_0, paper table 1
@@ -21,4 +21,4 @@ class LinearField(Checked):
     max_gradient = property(attrgetter("gradient_scale"))  # c_k itself
 
     def concentration(self, position: Array) -> Array:
-        return self.gradient_scale * position[..., 1] + self.offset
+        return self.gradient_scale * position[..., -1] + self.offset

@@ -1,20 +1,24 @@
-"""Fields that are highest at an egg: radial, a Gaussian patch, the cloud of a source."""
+"""Fields that are highest at an egg: radial, a Gaussian patch, the cloud of a source.
+
+In space an egg whose position is two numbers lies on z = 0.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 
 from swarm._support.arrays import Array, namespace
-from swarm._support.checks import Checked, check_number, check_pair, optional, parameter
+from swarm._support.checks import Checked, check_number, check_point, optional, parameter
 from swarm.physics.fields.field import FIELDS
 
 
 @FIELDS.register("radial")
 @dataclass(frozen=True)
 class RadialField(Checked):
-    """c = c_0 − c_k √(x² + y²) around an egg at the origin (paper: radial concentration field)."""
+    """c = c_0 − c_k |r| around an egg at the origin (paper: radial concentration field)."""
 
     gradient_scale: float = parameter(1.0, check_number, above=0.0)  # c_k, paper table 1
     offset: float = parameter(100.0, check_number)  # c_0, paper table 1
@@ -40,7 +44,7 @@ class GaussianPlume(Checked):
     gradient_scale: float = parameter(1.0, check_number, above=0.0)
     width: float = parameter(10.0, check_number, above=0.0)  # w [length]
     offset: float = parameter(0.0, check_number)  # c_0, far away [concentration]
-    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_pair)  # r₀ [length]
+    egg_position: tuple[float, ...] = parameter((0.0, 0.0), check_point)  # r₀ [length]
     # a path that comes this close to r₀ has arrived; None: nothing ends there
     egg_radius: float | None = parameter(1.0, optional(check_number), above=0.0)
 
@@ -72,7 +76,7 @@ class DiffusingSource(Checked):
     distance: float = parameter(10.0, check_number, above=0.0)  # where the gradient is c_k [length]
     core: float = parameter(1.0, check_number, above=0.0)  # a [length]
     offset: float = parameter(0.0, check_number)  # c_0, far away [concentration]
-    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_pair)  # r₀ [length]
+    egg_position: tuple[float, ...] = parameter((0.0, 0.0), check_point)  # r₀ [length]
     # a path that comes this close to r₀ has arrived; None: nothing ends there
     egg_radius: float | None = parameter(1.0, optional(check_number), above=0.0)
 
@@ -91,6 +95,10 @@ class DiffusingSource(Checked):
         return self.offset + self.strength * softened**-0.5
 
 
-def _distance_squared(position: Array, centre: tuple[float, float]) -> Array:
+def _distance_squared(position: Array, centre: Sequence[float]) -> Array:
     x, y = position[..., 0] - centre[0], position[..., 1] - centre[1]
-    return x * x + y * y
+    square = x * x + y * y
+    if position.shape[-1] == 2:
+        return square
+    z = position[..., 2] - (0.0 if len(centre) == 2 else centre[2])
+    return square + z * z

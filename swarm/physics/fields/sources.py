@@ -41,6 +41,8 @@ class Source(Checked):
     distance: float = parameter(2.0, check_number, above=0.0)  # [length]
     offset: float = parameter(0.0, check_number)  # c_0, far away [concentration]
 
+    coordinates = 2
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.gradient_scale is None:

@@ -8,12 +8,12 @@ interpolate continued fractions at Chebyshev points (erfc: Shepherd & Laframbois
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
-from swarm._support.arrays import Array, namespace
+from swarm._support.arrays import Array, namespace, polynomial
 
 DEGREE = 20  # of the polynomials; a higher one only adds rounding
 TERMS = 200  # of the continued fractions, which are exact to rounding with half of them
@@ -24,13 +24,13 @@ def exponential_integral(x: Array) -> Array:
     """E₁(x) = ∫ from x to ∞ of e^{−t}/t dt (...) for x > 0 (...), DLMF 6.2.1."""
     xp = namespace(x)
     near, far = xp.clip(x, None, SPLIT), xp.clip(x, SPLIT, None)
-    series = near * _polynomial(_SERIES, near) - np.euler_gamma - xp.log(near)
-    return xp.where(x < SPLIT, series, xp.exp(-far) / far * _polynomial(_E1, _mapped(far - SPLIT, E1_HALF)))
+    series = near * polynomial(_SERIES, near) - np.euler_gamma - xp.log(near)
+    return xp.where(x < SPLIT, series, xp.exp(-far) / far * polynomial(_E1, _mapped(far - SPLIT, E1_HALF)))
 
 
 def scaled_erfc(x: Array) -> Array:
     """e^{x²} erfc(x) (...) for x ≥ 0 (...)."""
-    return _polynomial(_ERFC, _mapped(x, ERFC_HALF)) / (1 + 2 * x)
+    return polynomial(_ERFC, _mapped(x, ERFC_HALF)) / (1 + 2 * x)
 
 
 def erfc(x: Array) -> Array:
@@ -44,14 +44,6 @@ def erfc(x: Array) -> Array:
 def _mapped(x: Array, half: float) -> Array:
     """0, `half` and ∞ become −1, 0 and 1."""
     return 1 - 2 * half / (x + half)
-
-
-def _polynomial(coefficients: Sequence[float], x: Array) -> Array:
-    *lower, highest, top = coefficients
-    total = top * x + highest
-    for coefficient in reversed(lower):
-        total = total * x + coefficient
-    return total
 
 
 def _interpolated(function: Callable[[np.ndarray], np.ndarray], half: float) -> list[float]:

@@ -23,3 +23,7 @@ class StillWater:
 
     def spin(self, position: Array) -> Array:
         return 0.0 * position[..., 0]
+
+    def vorticity(self, position: Array) -> Array:
+        """(..., 3), in space."""
+        return 0.0 * position

@@ -7,6 +7,7 @@ depend on the action alone, so they are tabulated; laying one down at a pose tak
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,8 +21,10 @@ Array = Any
 class Pose(NamedTuple):
     """Where cells are and where they head."""
 
-    position: Array  # (..., cells, 2) [length]
-    heading: Array  # (..., cells, 2) unit vector (cos θ, sin θ), θ counter-clockwise from +x
+    position: Array  # (..., cells, 2) [length]; in space (..., cells, 3)
+    # (..., cells, 2) unit vector (cos θ, sin θ), θ counter-clockwise from +x; in space (..., cells, 4), a
+    # frame as unit quaternion, see `helix`
+    heading: Array
 
 
 class Motion(NamedTuple):
@@ -52,9 +55,10 @@ def arc(curvature: Array, speed: Array, duration: Array) -> Motion:
 # Vectors are worked on by component: array libraries are slow on last axes of two.
 
 
-def components(vector: Array) -> tuple[Array, Array]:
-    """x and y (...) of vectors (..., 2)."""
-    return vector[..., 0], vector[..., 1]
+def components(vector: Array) -> tuple[Array, ...]:
+    """x, y, … (...) of vectors (..., k)."""
+    x, y = vector[..., 0], vector[..., 1]
+    return (x, y) if vector.shape[-1] == 2 else (x, y, *(vector[..., i] for i in range(2, vector.shape[-1])))
 
 
 def left_of(vector: Array) -> Array:
@@ -93,11 +97,19 @@ def centre_of_curvature(pose: Pose, curvature: Array) -> Array:
 
 
 def length_of(vector: Array) -> Array:
-    """Length (...) of vectors (..., 2)."""
-    return (vector[..., 0] ** 2 + vector[..., 1] ** 2) ** 0.5
+    """Length (...) of vectors (..., k)."""
+    return squared_length(vector) ** 0.5
 
 
-def closest_approach(pose: Pose, curvature: Array, length: Array, point: tuple[float, float]) -> Array:
+def squared_length(vector: Array) -> Array:
+    """Square (...) of it."""
+    total = vector[..., 0] ** 2
+    for i in range(1, vector.shape[-1]):
+        total = total + vector[..., i] ** 2
+    return total
+
+
+def closest_approach(pose: Pose, curvature: Array, length: Array, point: Sequence[float]) -> Array:
     """Smallest distance (...) of an arc from `point`, in closed form, for any curvature and `length` >= 0."""
     xp = namespace(pose.position)
     start = pose.position - as_array(np.asarray(point), pose.position)  # seen from the point
@@ -123,7 +135,7 @@ def closest_approach(pose: Pose, curvature: Array, length: Array, point: tuple[f
     return xp.where(straight, to_line, to_arc)
 
 
-def arrival(pose: Pose, curvature: Array, length: Array, point: tuple[float, float], radius: float) -> Array:
+def arrival(pose: Pose, curvature: Array, length: Array, point: Sequence[float], radius: float) -> Array:
     """The part (...) of an arc at which it first comes within a radius of `point`, in closed form; infinite
     where it does not. For a start outside, any curvature and `length` >= 0.
     """
@@ -160,7 +172,7 @@ def arrival(pose: Pose, curvature: Array, length: Array, point: tuple[float, flo
     return xp.where(reached | (squared <= radius**2), part, xp.full_like(part, math.inf))
 
 
-def arrival_on(path: Array, start: Array, end: Array, point: tuple[float, float], radius: float) -> Array:
+def arrival_on(path: Array, start: Array, end: Array, point: Sequence[float], radius: float) -> Array:
     """The part (...) of an interval at which a path (places, ..., 2), evenly spaced in time from `start` on,
     first comes within a radius of `point`, linear between places; infinite where it does not.
     """
@@ -180,8 +192,8 @@ def arrival_on(path: Array, start: Array, end: Array, point: tuple[float, float]
     return xp.where(xp.any(near, axis=0), part, xp.full_like(part, math.inf))
 
 
-def comes_within(path: Array, end: Array, point: tuple[float, float], radius: float) -> Array:
-    """Whether a place of a path (places, ..., 2), or its end (..., 2), lies within a radius of `point`."""
+def comes_within(path: Array, end: Array, point: Sequence[float], radius: float) -> Array:
+    """Whether a place of a path (places, ..., k), or its end (..., k), lies within a radius of `point`."""
     xp = namespace(path)
     places = xp.concat([path, end[None, ...]], axis=0) - as_array(np.asarray(point), path)
-    return xp.any(places[..., 0] ** 2 + places[..., 1] ** 2 <= radius**2, axis=0)
+    return xp.any(squared_length(places) <= radius**2, axis=0)

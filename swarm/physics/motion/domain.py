@@ -23,15 +23,17 @@ class Within:
 
     def __init__(self, flow: Flow, position: Array) -> None:
         """`position` (..., cells, 2) lies in the domain."""
-        self._flow, self._origin = flow, (position[..., 0], position[..., 1])
+        self._flow, self._origin = flow, components(position)
         if hasattr(flow, "at"):
             self.at = lambda time: Within(flow.at(time), position)
 
     def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """u_x, u_y and ω₀ (...) at the places (x, y)."""
-        inside, where = self._flow.inside(join(x, y)), namespace(x).where  # type: ignore[attr-defined]
-        x, y = (where(inside, *pair) for pair in zip((x, y), self._origin, strict=True))
-        return velocity_and_spin(self._flow, x, y)
+        return velocity_and_spin(self._flow, *self._asked(x, y))
+
+    def _asked(self, *place: Array) -> tuple[Array, ...]:
+        inside, where = self._flow.inside(join(*place)), namespace(place[0]).where  # type: ignore[attr-defined]
+        return tuple(where(inside, *pair) for pair in zip(place, self._origin, strict=True))
 
 
 def within(flow: Flow, position: Array) -> Any:
@@ -53,6 +55,6 @@ def kept(domains: Sequence[Inside], pose: Pose, before: Pose) -> tuple[Pose, Arr
 
 
 def instead(good: Array, new: Array, old: Array) -> Array:
-    """Vectors (..., 2), `new` where they are `good` (...), else `old`."""
+    """Vectors (..., k), `new` where they are `good` (...), else `old`."""
     pairs = zip(components(new), components(old), strict=True)
     return join(*(namespace(new).where(good, *pair) for pair in pairs))

@@ -13,12 +13,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarm._support.arrays import as_array, kept_for, look_up, namespace
+from swarm._support.arrays import as_array, join, kept_for, look_up, namespace
 from swarm._support.compiler import unrolled
 from swarm.physics.crowd.interactions import Interaction
 from swarm.physics.crowd.spread import Spread
 from swarm.physics.flows import Flow, StillWater
-from swarm.physics.motion.arc import Motion, Pose, along_arc, arc
+from swarm.physics.motion.arc import (
+    Motion,
+    Pose,
+    along_arc,
+    arc,
+    centre_of_curvature,
+    closest_approach,
+    comes_within,
+    components,
+)
 from swarm.physics.motion.clock import Clock, Ticks, frozen
 from swarm.physics.motion.collocation import Collocation
 from swarm.physics.motion.company import Company
@@ -30,7 +39,7 @@ Array = Any
 class Tables(NamedTuple):
     """What decisions do, in one array library, precision and device."""
 
-    rows: Array  # (3 + 4 · targets, columns of the clock): κ*, length [time], speed, motions
+    rows: Array  # (3 + numbers · targets, columns of the clock): κ*, length [time], speed, motions
     ticks: Ticks
     weights: Array  # collocation weights; None in still water
 
@@ -39,11 +48,11 @@ class Interval(NamedTuple):
     """What every cell does until its next decision."""
 
     count: Array  # the clock's, after it
-    motion: Motion  # of the arc; in a flow to all the scheme's targets
+    motion: Any  # a `Motion` of the arc; in a flow to all the scheme's targets
     length: Array  # (..., cells) [time]
     speed: Array  # (..., cells) [length / time]
     curvature: Array  # (..., cells) κ*, as chosen
-    swum: Array = None  # (..., cells) curvature of the arc [1 / length]; None where nobody asks for it
+    swum: Any = None  # (..., cells) curvature of the arc [1 / length], see `arc_of`; None where nobody asks
 
 
 class Way(NamedTuple):
@@ -112,11 +121,9 @@ class Swimmer:
         """`Tables.rows` in float64."""
         action, length = self.clock.columns()
         curvature, speed = np.asarray(self.curvatures)[action], np.asarray(self.speeds)[action]
-        parts = (part.reshape(-1, len(length)) for part in self._motion(curvature, speed, length))
+        motion = self._motion(self.arc_of(action, curvature), speed, length)
+        parts = (part.reshape(-1, len(length)) for part in motion)
         return np.vstack([self.normal_curvature(curvature), length, speed, *parts])
-
-    def _motion(self, curvature: Array, speed: Array, length: Array) -> Motion:
-        return (arc if self.scheme is None else self.scheme.motions)(curvature, speed, length)
 
     def swum_curvature(self, action: Array, kick: Array | None, like: Array, factors: Array = None) -> Array:
         """Curvature (..., cells) of the arcs that are swum: as chosen, by the cell's own factor, and its
@@ -154,7 +161,7 @@ class Swimmer:
             speed = look_up(as_array(np.asarray(self.speeds), like), action)
             if factors is not None:
                 speed = speed * factors[..., 0]
-            motion = self._motion(self.swum_curvature(action, kick, like, factors), speed, length)
+            motion = self._motion(self.arcs(action, kick, like, factors), speed, length)
             chosen = self.swum_curvature(action, None, like)
             return Interval(count, motion, length, speed, self.normal_curvature(chosen))
         tables, steered = self.tables(like), self.range is not None
@@ -167,12 +174,54 @@ class Swimmer:
         if steered:
             curvature = self.normal_curvature(self._chosen(action, like))
         if steered or kick is not None or factors is not None:
-            motion = self._motion(self.swum_curvature(action, kick, like, factors), speed, length)
+            motion = self._motion(self.arcs(action, kick, like, factors), speed, length)
             return Interval(count, motion, length, speed, curvature)
-        parts = rows[3:, ...]
+        return Interval(count, self._motion_of(rows[3:, ...]), length, speed, curvature)
+
+    def arcs(self, action: Array, kick: Array | None, like: Array, factors: Array = None) -> Any:
+        """What is swum with an action, its `swum_curvature` in it, see `arc_of`."""
+        return self.arc_of(action, self.swum_curvature(action, kick, like, factors))
+
+    # --- the geometry of the plane, in place of which `helical` has that of space ---------------------------
+
+    def arc_of(self, action: Array, curvature: Array) -> Any:
+        """What tells the path of an action (..., cells) with this curvature: here the curvature."""
+        return curvature
+
+    def _motion(self, arcs: Any, speed: Array, length: Array) -> Any:
+        return (arc if self.scheme is None else self.scheme.motions)(arcs, speed, length)
+
+    def _motion_of(self, parts: Array) -> Any:
+        """A motion of rows of the tables (4 · targets, ...)."""
         if self.scheme is not None:
-            parts = namespace(rows).reshape(parts, (4, -1, *column.shape))
-        return Interval(count, Motion(parts[:2, ...], parts[2:, ...]), length, speed, curvature)
+            parts = namespace(parts).reshape(parts, (4, -1, *parts.shape[1:]))
+        return Motion(parts[:2, ...], parts[2:, ...])
+
+    def pose(self, position: Array, heading: Array) -> Pose:
+        """The pose of cells at positions (..., cells, 2) with the heading (..., cells) [rad]."""
+        xp = namespace(position)
+        return Pose(join(*components(position)), join(xp.cos(heading), xp.sin(heading)))
+
+    def orientation(self, heading: Array) -> Array:
+        """The heading (..., cells) of which `pose` makes this one (..., cells, 2), in (−π, π] [rad]."""
+        return namespace(heading).atan2(heading[..., 1], heading[..., 0])
+
+    def direction(self, heading: Array) -> Array:
+        """Unit vector (..., cells, 2) in which cells swim."""
+        return heading
+
+    def centre(self, pose: Pose, arcs: Any) -> Array:
+        """Centre of the circle (..., cells, 2) that cells swim on."""
+        return centre_of_curvature(pose, arcs)
+
+    def comes_within(
+        self, before: Pose, interval: Interval, end: Pose, path: Array | None, egg: tuple[Any, float]
+    ) -> Array:
+        """Whether cells (..., cells) come to an egg (position, radius) on their way to a pose."""
+        if path is not None:
+            return comes_within(path, end.position, *egg)
+        centre, radius = egg
+        return closest_approach(before, interval.swum, interval.speed * interval.length, centre) <= radius
 
     def swim(self, pose: Pose, interval: Interval, time: Array = None) -> tuple[Pose, Array | None]:
         """The pose after an interval that begins at `time` (..., cells), which only a flow that changes
@@ -186,14 +235,14 @@ class Swimmer:
         given = interval.speed, interval.length, weights, within(self.flow, pose.position)
         return scheme.swim(pose, Motion(*motion), *given, time)
 
-    def swim_back(self, pose: Pose, curvature: Array, speed: Array, length: Array) -> Pose:
+    def swim_back(self, pose: Pose, arcs: Any, speed: Array, length: Array) -> Pose:
         """The pose one interval before, in the flow at t = 0, by the same scheme: it must not depend on which
         cells there are.
         """
         if self.scheme is None:
-            return along_arc(pose, arc(curvature, speed, -length))
+            return self._along(pose, arcs, speed, -length)
         scheme = dataclasses.replace(self.scheme, outputs=0)
-        motions = scheme.motions(curvature, speed, -length)
+        motions = scheme.motions(arcs, speed, -length)
         weights, flow = as_array(scheme.weights, length), within(frozen(self.flow, 0.0), pose.position)
         return scheme.swim(pose, motions, speed, -length, weights, flow)[0]
 
@@ -201,8 +250,12 @@ class Swimmer:
         """Positions (parts, ..., cells, 2) after parts of an interval: on the arc, from which the cell is led
         off evenly to where it ends; exact in still water. The interval must tell what is `swum`.
         """
-        arcs = interval.swum, interval.speed
-        away = end.position - along_arc(pose, arc(*arcs, interval.length)).position
+        arcs = pose, interval.swum, interval.speed
+        away = end.position - self._along(*arcs, interval.length).position
         return namespace(away).stack(
-            [along_arc(pose, arc(*arcs, part * interval.length)).position + part * away for part in parts]
+            [self._along(*arcs, part * interval.length).position + part * away for part in parts]
         )
+
+    def _along(self, pose: Pose, arcs: Any, speed: Array, length: Array) -> Pose:
+        """The pose after an interval in still water."""
+        return along_arc(pose, arc(arcs, speed, length))

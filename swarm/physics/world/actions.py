@@ -35,6 +35,7 @@ class Actions:
     """
 
     curvatures: tuple[float, ...]
+    torsions: tuple[float, ...] | None
     speed: float
     speeds: tuple[float, float]
     varying_speed: bool
@@ -128,6 +129,28 @@ class Actions:
         """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""
         lowest, highest = self.curvatures[0], self.curvatures[-1]
         return (curvature - 0.5 * (lowest + highest)) * (2 / (highest - lowest))
+
+    @cached_property
+    def dimensions(self) -> int:
+        """2, the plane, or 3, space: where actions have torsions."""
+        return 2 if self.torsions is None else 3
+
+    @cached_property
+    def mean_torsion(self) -> float:
+        """τ̄ [1 / length], 0 in the plane."""
+        return 0.0 if self.torsions is None else sum(self.torsions) / self.n_actions
+
+    @cached_property
+    def mean_turning(self) -> float:
+        """w̄ = √(κ̄² + τ̄²), how much a path turns per length, κ̄ in the plane [1 / length]."""
+        return math.hypot(self.mean_curvature, self.mean_torsion)
+
+    def torsion(self, state: Any) -> Array:
+        """Torsion (..., cells) of the interval that ended now, 0 in the plane [1 / length]."""
+        like = state.memory[..., 0, 1]
+        if self.torsions is None:
+            return namespace(like).zeros_like(like)
+        return look_up(as_array(np.asarray(self.torsions), like), self.last_action(state))
 
     def curvature(self, state: Any) -> Array:
         """Curvature (..., cells) used during the interval that ended now [1 / length]."""

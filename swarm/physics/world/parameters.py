@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from swarm._support.checks import (
+    Box,
     Checked,
     check_box,
     check_count,
@@ -20,6 +21,7 @@ from swarm._support.checks import (
     check_name,
     check_number,
     check_pair,
+    check_point,
     optional,
     parameter,
 )
@@ -32,6 +34,7 @@ from swarm.physics.fields import Field
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion import clock
 from swarm.physics.motion.clock import Clock
+from swarm.physics.motion.helical import HelicalSwimmer
 from swarm.physics.motion.swimmer import Swimmer
 from swarm.physics.perception import Memory, MemoryWithFlow, Sensor, check_sensor
 from swarm.physics.rewards import Reward, check_reward
@@ -41,7 +44,7 @@ from swarm.physics.world.scale import check_scale
 
 Array = Any
 
-DEFAULT_BOX = ((0.0, 10.0), (0.0, 10.0))
+DEFAULT_SIDE = 10.0  # of the start box [length]
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Parameters(Actions, Checked):
     sense_flow: bool = parameter(False, check_flag)  # short for sensor="memory_with_flow"
     varying_speed: bool = parameter(False, check_flag)  # v₁ with κ₁ … v₂ with κ₂ instead of one speed
     life: float = parameter(80.0, check_number, above=0.0)  # t_life [time], paper table 1
-    start_box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, optional(check_box))
+    start_box: Box | None = parameter(None, optional(check_box))  # a side for each dimension [length]
     curvatures: tuple[float, ...] = parameter(
         (3.0, 5.0), rules.check_curvatures
     )  # κ₁ … κ_m [1 / length], table 1
@@ -92,6 +95,8 @@ class Parameters(Actions, Checked):
     # what a cell chooses: one of `curvatures`, or any curvature of the range, by default from κ₁ to κ_m
     action: str = parameter("discrete", check_name, known=ACTIONS)
     curvature_range: tuple[float, float] | None = parameter(None, optional(check_range))  # [1 / length]
+    # of each action, with its curvature: cells swim helices in space; None: in the plane [1 / length]
+    torsions: tuple[float, ...] | None = parameter(None, optional(rules.check_torsions))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -102,6 +107,7 @@ class Parameters(Actions, Checked):
             raise ValueError(f"sense_flow must go with the sensor memory_with_flow, got {self.sensor!r}")
         object.__setattr__(self, "sense_flow", senses_flow)
         self._check_actions()
+        rules.check_dimensions(self)
         rules.check_length_units(self.units, self.field, self.flow)
         for part in (self.sensor, self.reward):
             if hasattr(part, "check"):
@@ -158,6 +164,12 @@ class Parameters(Actions, Checked):
         return cls(**{**species.parameters(name), **changes})
 
     @classmethod
+    def in_space(cls, **changes: Any) -> Self:
+        """The default world in three dimensions, whose two helices turn opposite ways along the gradient, see
+        `docs/space.md`."""
+        return cls(**{"curvatures": (5.5, 7.5), "torsions": (7.7, 5.7), "speed": 2.0, **changes})
+
+    @classmethod
     def defaults(cls) -> dict[str, Any]:
         """Names and defaults of all parameters, in their order."""
         return {item.name: item.default for item in dataclasses.fields(cls)}
@@ -181,9 +193,9 @@ class Parameters(Actions, Checked):
         }
 
     @property
-    def box(self) -> tuple[tuple[float, float], tuple[float, float]]:
+    def box(self) -> Box:
         """Where starts are drawn: `start_box`, else the flow's `box` or one period of it, else the field's,
-        else [0, 10]²."""
+        else [0, 10]², in space [0, 10]³."""
         if self.start_box is not None:
             return self.start_box
         period = getattr(self.flow, "period", None)
@@ -192,7 +204,7 @@ class Parameters(Actions, Checked):
             box = getattr(self.field, "box", None)
         if box is not None:
             return box
-        return DEFAULT_BOX if period is None else ((0.0, float(period)), (0.0, float(period)))
+        return self.dimensions * ((0.0, DEFAULT_SIDE if period is None else float(period)),)
 
     @cached_property
     def features(self) -> int:
@@ -206,8 +218,8 @@ class Parameters(Actions, Checked):
 
     @property
     def periods(self) -> tuple[float, ...]:
-        """T = 2π/(κ̄ v) with each action [time] (paper: average period)."""
-        return tuple(2 * math.pi / (self.mean_curvature * speed) for speed in self.action_speeds)
+        """T = 2π/(w̄ v) with each action [time]; in the plane w̄ is κ̄ (paper: average period)."""
+        return tuple(2 * math.pi / (self.mean_turning * speed) for speed in self.action_speeds)
 
     @cached_property
     def clock(self) -> Clock:
@@ -215,7 +227,7 @@ class Parameters(Actions, Checked):
         periods = self.periods
         if self.interval_rule == "common":  # T of the mean speed for all
             mean = sum(self.action_speeds) / self.n_actions
-            periods = (2 * math.pi / (self.mean_curvature * mean),) * self.n_actions
+            periods = (2 * math.pi / (self.mean_turning * mean),) * self.n_actions
         return Clock(periods, self.n_records, self.life, self.time_step, self.interval_rule)
 
     has_common_tick = property(attrgetter("clock.has_common_tick"))
@@ -230,7 +242,13 @@ class Parameters(Actions, Checked):
         """What each action does."""
         spacing = self.time_step if self.egg is not None else None  # of the places where its path is tested
         shared = self.interactions, self.spread, self.action_range
-        return Swimmer(self.curvatures, self.action_speeds, self.clock, self.flow, spacing, *shared)
+        given = self.curvatures, self.action_speeds, self.clock, self.flow, spacing, *shared
+        return Swimmer(*given) if self.torsions is None else HelicalSwimmer(*given, self.torsions)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return ("x", "y", "z")[: self.dimensions]
 
     @cached_property
     def race(self) -> Race | None:
@@ -265,12 +283,13 @@ class Parameters(Actions, Checked):
         return self.mean_curvature / self.field.gradient_scale
 
     @cached_property
-    def egg(self) -> tuple[tuple[float, float], float] | None:
-        """Position and radius of the egg, or None."""
+    def egg(self) -> tuple[Any, float] | None:
+        """Position (dimensions numbers; one of two in space lies on z = 0) and radius of the egg, or None."""
         radius = getattr(self.field, "egg_radius", None)
         if radius is None:
             return None
-        return check_pair("egg_position", getattr(self.field, "egg_position", (0.0, 0.0))), float(radius)
+        place = check_point("egg_position", getattr(self.field, "egg_position", (0.0, 0.0)))
+        return (*place, 0.0)[: max(len(place), self.dimensions)], float(radius)
 
     @cached_property
     def domains(self) -> tuple[Any, ...]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from swarm._support.checks import check_box, check_function, check_methods, check_number, check_pair
+from swarm._support.checks import check_box, check_function, check_methods, check_number, check_point
 from swarm._support.registry import TYPE, Registry
 from swarm.physics.crowd.interactions import INTERACTIONS
 from swarm.physics.fields import FIELDS, Field
@@ -33,7 +33,8 @@ def check_flow(name: str, value: Any) -> Flow:
     scales = "speed_scale=…, spin_scale=…) with about the largest speed and spin"
     _check_made_up(name, value, "velocity", "Flow", scales)
     flow = FLOWS.make(value)
-    check_methods(name, flow, ["velocity", "spin"], ["speed_scale", "spin_scale"])
+    turning = "vorticity" if hasattr(flow, "vorticity") else "spin"  # in space, and in the plane
+    check_methods(name, flow, ["velocity", turning], ["speed_scale", "spin_scale"])
     for scale in ("speed_scale", "spin_scale"):
         check_number(f"{name}.{scale}", getattr(flow, scale), at_least=0.0)
     _check_options(name, flow)
@@ -58,10 +59,55 @@ def _check_options(name: str, part: Any) -> None:
             rule = {"at_least" if option in bounds else "above": 0.0}
             check_number(f"{name}.{option}", getattr(part, option), **rule)
     if getattr(part, "egg_radius", None) is not None:
-        check_pair(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
+        check_point(f"{name}.egg_position", getattr(part, "egg_position", (0.0, 0.0)))
     for option, check in (("box", check_box), ("inside", check_function)):
         if getattr(part, option, None) is not None:
             check(f"{name}.{option}", getattr(part, option))
+
+
+NOT_IN_SPACE = {
+    "medium": None,
+    "interactions": (),
+    "action": "discrete",
+    "first_arrivals": None,
+    "spread": None,
+    "rotational_diffusion": 0.0,
+}
+
+
+def check_torsions(name: str, values: Any) -> tuple[float, ...]:
+    try:
+        return tuple(check_number(name, value) for value in values)
+    except TypeError:
+        raise TypeError(f"{name} must be a number for each of curvatures, got {values!r}") from None
+
+
+def check_dimensions(world: Any) -> None:
+    """Raises ValueError where parameters of a world do not go with the plane, or space, that it is."""
+    space = world.torsions is not None
+    if space and len(world.torsions) != world.n_actions:
+        rule = f"torsions must be a number for each of the {world.n_actions} curvatures"
+        raise ValueError(f"{rule}, got {world.torsions}")
+    for name, value in NOT_IN_SPACE.items() if space else ():
+        if (found := getattr(world, name)) != value:
+            raise ValueError(f"{name} must be {value!r} in space (with torsions), got {found!r}")
+    if space and getattr(world.sensor, "in_plane_only", False):
+        rule = "sensor must be one that there is in space (with torsions)"
+        raise ValueError(f"{rule}, got {world.sensor.name!r}")
+    where = "in space (with torsions)" if space else "in the plane (without torsions)"
+    for name, part in (("field", world.field), ("flow", world.flow)):
+        if getattr(part, "coordinates", world.dimensions) != world.dimensions:
+            raise ValueError(f"{name} must be one {where}, got {part!r}")
+        box = getattr(part, "box", None)
+        if box is not None and len(box) != world.dimensions:
+            raise ValueError(f"{name}.box must have {world.dimensions} sides {where}, got {box}")
+    turning = "vorticity" if space else "spin"
+    if not callable(getattr(world.flow, turning, None)):
+        raise ValueError(f"flow must have {turning}(position) {where}, got {world.flow!r}")
+    if world.start_box is not None and len(world.start_box) != world.dimensions:
+        raise ValueError(f"start_box must have {world.dimensions} sides {where}, got {world.start_box}")
+    if world.egg is not None and len(world.egg[0]) != world.dimensions:
+        raise ValueError(f"egg_position must be {world.dimensions} numbers {where}, got {world.egg[0]}")
 
 
 def check_curvatures(name: str, values: Any) -> tuple[float, ...]:

@@ -15,7 +15,6 @@ from swarm.physics.motion.clock import frozen
 POINTS = 12  # along each side of the start box
 STEP = 0.01  # of differences, in mean radii of the paths
 NEGLIGIBLE = 1e-9  # rise over a step, of the concentration
-STENCIL = np.array([(1, 0), (-1, 0), (0, 1), (0, -1)])
 
 _seen: WeakValueDictionary[tuple[Any, ...], Any] = WeakValueDictionary()
 
@@ -42,7 +41,9 @@ def typical_gradient(world: Any) -> float | None:
     """
     step = STEP / world.mean_curvature
     sides = [np.linspace(low, high, POINTS) for low, high in world.box]
-    places = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 1, 2) + step * STENCIL
+    axes = np.eye(len(sides))
+    stencil = step * np.stack([axes, -axes], axis=1).reshape(-1, len(sides))
+    places = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 1, len(sides)) + stencil
     field = world.field
     times = np.linspace(0.0, world.life, 3) if hasattr(field, "at") else [0.0]
     try:

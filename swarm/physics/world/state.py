@@ -11,14 +11,17 @@ from swarm.physics.crowd.medium import MediumState
 from swarm.physics.motion.arc import Pose
 from swarm.physics.world.parameters import Parameters
 
+OFF_UNIT = 1e-6  # by which the norm of a frame may be off 1
 NOISE_CHANNELS = 3  # sensed concentration, curvature, heading
 
 
 class State(NamedTuple):
     """Everything that changes; nothing is ever changed in place."""
 
-    position: Array  # (..., cells, 2) [length]
-    heading: Array  # (..., cells, 2) unit vector
+    position: Array  # (..., cells, 2) [length]; in space (..., cells, 3)
+    heading: (
+        Array  # (..., cells, 2) unit vector; in space (..., cells, 4) unit quaternion, see `motion.helix`
+    )
     memory: Array  # (..., cells, N_T, features), newest first, see `perception`
     clock: Array  # (..., cells) ticks lived; without a common tick (..., cells, actions): decisions by action
     start_concentration: Array  # (..., cells) c(0)
@@ -90,12 +93,13 @@ def check_start(world: Parameters, position: Array, heading: Array, past: Array,
     """Raises ValueError on what no life can begin with, see `World.start`."""
     xp = namespace(position)
     cells = tuple(position.shape[:-1])
-    if not cells or position.shape[-1] != 2 or not xp.isdtype(position.dtype, "real floating"):
-        raise ValueError(
-            f"position must be floating numbers (..., cells, 2), got {position.dtype} {tuple(position.shape)}"
-        )
-    if tuple(heading.shape) != cells:
-        raise ValueError(f"heading must be {cells} like the cells of position, got {tuple(heading.shape)}")
+    wanted = world.dimensions
+    if not cells or position.shape[-1] != wanted or not xp.isdtype(position.dtype, "real floating"):
+        rule = f"position must be floating numbers (..., cells, {wanted})"
+        raise ValueError(f"{rule}, got {position.dtype} {tuple(position.shape)}")
+    frames = cells if wanted == 2 else (*cells, 4)
+    if tuple(heading.shape) != frames:
+        raise ValueError(f"heading must be {frames} like the cells of position, got {tuple(heading.shape)}")
     if tuple(past.shape) != (*cells, world.n_records) or not xp.isdtype(past.dtype, "integral"):
         raise ValueError(
             f"past must be whole numbers {(*cells, world.n_records)}, got {past.dtype} {tuple(past.shape)}"
@@ -108,7 +112,11 @@ def check_start(world: Parameters, position: Array, heading: Array, past: Array,
             f"first_arrivals must be at most the number of cells, {cells[-1]}, got {world.first_arrivals}"
         )
     check_cells("position", "be finite", position, xp.all(xp.isfinite(position), axis=-1))
-    check_cells("heading", "be finite", heading, xp.isfinite(heading))
+    if wanted == 2:
+        check_cells("heading", "be finite", heading, xp.isfinite(heading))
+    else:
+        off = xp.abs(xp.sum(heading * heading, axis=-1) - 1)
+        check_cells("heading", "be a unit quaternion (w, x, y, z)", heading, off <= 2 * OFF_UNIT)
     known = xp.all((past >= 0) & (past < world.n_actions), axis=-1)
     check_cells("past", f"hold actions from 0 to {world.n_actions - 1}", past, known)
     for inside in world.domains:

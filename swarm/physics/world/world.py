@@ -15,24 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from swarm._support.arrays import as_array, join, look_up, namespace, nowhere
+from swarm._support.arrays import as_array, look_up, namespace, nowhere
 from swarm._support.checks import check_cells
 from swarm.physics import perception
 from swarm.physics.crowd.binding import counted
-from swarm.physics.motion.arc import (
-    Pose,
-    arrival,
-    arrival_on,
-    closest_approach,
-    comes_within,
-    components,
-    turned,
-    unit,
-)
+from swarm.physics.motion.arc import Pose, arrival, arrival_on, components, turned, unit
 from swarm.physics.motion.clock import frozen
 from swarm.physics.motion.domain import kept
 from swarm.physics.motion.swimmer import Interval, Way
 from swarm.physics.perception import Situation
+from swarm.physics.world.bearing import Bearing
 from swarm.physics.world.parameters import Parameters
 from swarm.physics.world.state import NOISE_CHANNELS, Outcome, State, check_noise, check_start, pose_of
 
@@ -42,7 +34,7 @@ GAUSS = {0.5 - 0.15**0.5: 5 / 18, 0.5: 4 / 9, 0.5 + 0.15**0.5: 5 / 18}  # parts 
 
 
 @dataclass(frozen=True)
-class World(Parameters):
+class World(Parameters, Bearing):
     """A world of cells: its [parameters][swarm.physics.world.parameters.Parameters], where lives start, and
     what a decision does.
     """
@@ -58,21 +50,21 @@ class World(Parameters):
     ) -> State:
         """The state at t = 0 with a memory full of true records.
 
-        `position` (..., cells, 2), `heading` (..., cells) [rad], `past` (..., cells, N_T) actions, newest
-        first: the cell swam the newest N_T − 1 of them to its pose, alone and in the field and the flow at
-        t = 0, the oldest is only recorded. `factors` (..., cells, 2) are the cells' own of speed and
-        curvature, where the world spreads them, 1 by default; `noise` (..., cells, N_T) standard normal
-        numbers for `concentration_noise`, without which records are exact; `medium` a `MediumState` that
-        cells join, by default as it is at first. A past ends where it would come from outside the domain:
-        before, the cell has waited there. Raises ValueError on wrong shapes and, where values are known (not
-        inside a jax trace), on a start that is not finite, lies outside the field's or the flow's domain, has
-        no finite concentration or whose past holds unknown actions; the cell is named.
+        `position` (..., cells, 2), `heading` (..., cells) [rad], in space (..., cells, 3) and frames (...,
+        cells, 4) as unit quaternions, `past` (..., cells, N_T) actions, newest first: the cell swam the
+        newest N_T − 1 of them to its pose, alone and in the field and the flow at t = 0, the oldest is only
+        recorded. `factors` (..., cells, 2) are the cells' own of speed and curvature, where the world spreads
+        them, 1 by default; `noise` (..., cells, N_T) standard normal numbers for `concentration_noise`,
+        without which records are exact; `medium` a `MediumState` that cells join, by default as it is at
+        first. A past ends where it would come from outside the domain: before, the cell has waited there.
+        Raises ValueError on wrong shapes and, where values are known (not inside a jax trace), on a start
+        that is not finite, lies outside the field's or the flow's domain, has no finite concentration or
+        whose past holds unknown actions; the cell is named.
         """
         xp = namespace(position)
         check_start(self, position, heading, past, factors)
-        position = join(*components(position))
-        heading = join(xp.cos(heading), xp.sin(heading))
-        pose = Pose(position, heading)
+        pose = self.swimmer.pose(position, heading)
+        position = pose.position
         concentration = frozen(self.field, 0.0).concentration(position)
         check_cells("position", "have a finite concentration", position, xp.isfinite(concentration))
         finished = as_array(np.zeros(position.shape[:-1]), position, dtype=xp.bool)
@@ -103,7 +95,8 @@ class World(Parameters):
         by_action = [as_array(np.asarray(values), pose.position) for values in tables]
         records: list[Sequence[Array]] = []
         for i in range(self.n_records):
-            curvature, speed, interval = (look_up(values, past[..., i]) for values in by_action)
+            action = past[..., i]
+            curvature, speed, interval = (look_up(values, action) for values in by_action)
             sensed = concentration if i == 0 else field.concentration(pose.position)
             if medium is not None and self.medium is not None:
                 sensed = self.medium.sense(medium, pose.position, sensed)
@@ -113,7 +106,8 @@ class World(Parameters):
             if i < self.n_records - 1:
                 if (factors := cells[-1]) is not None:
                     speed, curvature = speed * factors[..., 0], curvature * factors[..., 1]
-                pose, _ = kept(self.domains, self.swimmer.swim_back(pose, curvature, speed, interval), pose)
+                arcs = self.swimmer.arc_of(action, curvature)
+                pose, _ = kept(self.domains, self.swimmer.swim_back(pose, arcs, speed, interval), pose)
         return records
 
     def step(
@@ -186,7 +180,7 @@ class World(Parameters):
         """The way of an action."""
         interval, kick = self.interval(state, action, noise)
         if self._needs_arcs:
-            arcs = self.swimmer.swum_curvature(action, kick, state.position, state.factors)
+            arcs = self.swimmer.arcs(action, kick, state.position, state.factors)
             interval = interval._replace(swum=arcs)
         began = None if self.is_steady else self.time(state)
         company = self.swimmer.company
@@ -250,11 +244,6 @@ class World(Parameters):
         """Observation (..., cells, N_T · features) float32 of a state."""
         return perception.observe(state.memory)
 
-    def heading_angle(self, state: State) -> Array:
-        """Heading θ (..., cells) in (−π, π] [rad]."""
-        xp = namespace(state.heading)
-        return xp.atan2(state.heading[..., 1], state.heading[..., 0])
-
     @cached_property
     def _ends_early(self) -> bool:
         """Whether anything but time ends lives."""
@@ -313,12 +302,7 @@ class World(Parameters):
             terminated = self.race.ends(arrival_time, now) & ~state.finished
             truncated = truncated & ~terminated
         elif self.egg is not None:
-            centre, radius = self.egg
-            if path is None:
-                length = interval.speed * interval.length
-                terminated = closest_approach(pose_of(state), interval.swum, length, centre) <= radius
-            else:
-                terminated = comes_within(path, pose.position, centre, radius)
+            terminated = self.swimmer.comes_within(pose_of(state), interval, pose, path, self.egg)
             terminated = terminated & ~state.finished
             truncated = truncated & ~terminated
         if self._ends_early:

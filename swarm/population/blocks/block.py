@@ -17,13 +17,12 @@ import numpy as np
 
 from swarm._support import streams
 from swarm.optimal.physical_limit import Bounds
-from swarm.physics.motion.arc import centre_of_curvature
-from swarm.physics.starts import NOISE_BLOCK, Starts, draw_worlds
+from swarm.physics.starts import NOISE_BLOCK, Starts, cells_of, draw_worlds
 from swarm.physics.world import State, World
 from swarm.policies.policy import AnyPolicy
 from swarm.population.blocks.tally import Tally, tally
 from swarm.population.frames import Frames
-from swarm.population.results import LIVES, SERIES, STARTS, as_dataset, origin
+from swarm.population.results import LIVES, SERIES, STARTS, as_dataset, columns_of, origin
 from swarm.population.rollout import Moment, rollout, started
 
 if TYPE_CHECKING:
@@ -168,8 +167,10 @@ def memory_needed(world: World, cells: int, recorded: int = 3, *, every: int = 1
     """Bytes that a test works with, roughly, and rather too few than too many; the lives under so many
     policies are recorded, one moment of `every`.
     """
-    series = [each for name, each in SERIES.items() if name != "eaten" or world.medium is not None]
-    numbers = sum(2 ** len(along) * np.dtype(dtype).itemsize for along, dtype, *_ in series)
+    absent = {"eaten": world.medium is None, "torsion": world.torsions is None}
+    columns = columns_of(world.dimensions == 3)
+    series = [columns[name] for name in SERIES if not absent.get(name)]
+    numbers = sum(_width(along, world) * np.dtype(dtype).itemsize for along, dtype, *_ in series)
     return cells * (16.0 * world.observation_size + recorded * (world.max_decisions // every + 1) * numbers)
 
 
@@ -182,14 +183,16 @@ def needed(world: World, record: Record, cells: int, *, workers: int = 1) -> tup
     series = memory_needed(world, 1, 3, every=test.every) - memory_needed(world, 1, 0)
     series = series if test.has_series else 0.0
     drawn = 2 * 8 * NOISE_BLOCK * (4 if world.has_noise else 0)
-    ends = [(3, each) for each in LIVES.values()] + [(1, each) for each in STARTS.values()]
+    columns = columns_of(world.dimensions == 3)
+    ends = [(3, columns[name]) for name in LIVES] + [(1, columns[name]) for name in STARTS]
     kept = sum(times * np.dtype(dtype).itemsize * _width(along, world) for times, (along, dtype, *_) in ends)
     memory = (workers + 1) * PROCESS + workers * at_once * (LIVING + drawn + 2 * series + 2 * kept)
     return memory, 0.0 if record == "statistics" else cells * (kept + series)
 
 
 def _width(along: tuple[str, ...], world: World) -> int:
-    return {"axis": 2, "record": world.n_records}.get(along[-1] if along else "", 1)
+    widths = {"axis": world.dimensions, "quaternion": 4, "record": world.n_records}
+    return widths.get(along[-1] if along else "", 1)
 
 
 def lives(
@@ -212,7 +215,7 @@ def lives(
     so many decisions one; with several worlds (worlds, cells) stands for (cells); `frames` (frames, ...) of a
     medium.
     """
-    cells, recorded = starts.heading.shape, []
+    cells, recorded = cells_of(starts), []
     filmed = Frames(world, world.medium) if frames and record and world.medium is not None else None
     arrived = np.zeros(cells, bool)
     decisions = np.zeros(cells, np.int32)
@@ -247,15 +250,17 @@ def lives(
 
 def _series(world: World, moment: Moment) -> dict[str, np.ndarray]:
     """What is plotted of a moment (cells, ...), NaN where a life is over."""
-    state, curvature = moment.state, world.curvature(moment.state)
+    state = moment.state
     values = {
         "time": world.time(state),
         "position": state.position,
-        "heading": world.heading_angle(state),
-        "curvature": curvature,
-        "centre": centre_of_curvature(state.pose, curvature),
+        "heading": world.orientation(state),
+        "curvature": world.curvature(state),
+        "centre": world.centre(state),
         "concentration": world.concentration(state),
     }
+    if world.torsions is not None:
+        values["torsion"] = world.torsion(state)
     if state.medium is not None:
         values["eaten"] = state.medium.eaten
     row: dict[str, np.ndarray] = {name: np.array(value, SERIES[name][1]) for name, value in values.items()}
