@@ -21,7 +21,7 @@ from trainers.jobs.executors import ONE_THREAD, InProcess, Processes
 from trainers.settings.composition import settings_from
 from trainers.training.loop import Training
 
-CELLS, BLOCK, DECISIONS, ROUNDS = 100_000, 6_250, 16, 3
+CELLS, BLOCK, DECISIONS, ROUNDS = 100_000, 6_250, 16, 4
 BLOCKS = CELLS // BLOCK
 AT_LEAST = 1.5  # times as fast with two workers: the target
 WORDS = [
@@ -33,10 +33,9 @@ WORDS = [
 def training_by(executor: Executor, *words: str) -> Training:
     """A training whose lives have begun, and whose workers have done a round."""
     training = Training(settings_from([*WORDS, *words]), executor.submit)
-    for _ in range(2):
-        training.env.restart()
-        training.algorithm.begin(0)
-        training.algorithm.collect(0.0)
+    training.env.restart()
+    training.algorithm.begin(0)
+    training.algorithm.collect(0.0)
     return training
 
 
@@ -49,8 +48,9 @@ def seconds_of(work: Callable[[], object]) -> tuple[float, float]:
 
 
 def collecting(executor: Executor, block: int = BLOCK) -> tuple[float, float]:
-    """Rounds of decisions alone."""
+    """Rounds of decisions alone, the first 64 of a life, whose random numbers are drawn at once."""
     training = training_by(executor, f"learning.block={block}")
+    training.env.restart()
     return seconds_of(lambda: training.algorithm.collect(0.0))
 
 

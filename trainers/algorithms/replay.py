@@ -69,7 +69,11 @@ class SeedReplay:
 
     def extend(self, transitions: Mapping[Any, Tensor]) -> None:
         """Add transitions (decisions, seeds, cells)."""
-        rows = packed(transitions).transpose(1, 2).flatten(0, 1)
+        decisions = -(
+            -self.size // transitions["action"].shape[2]
+        )  # the newest, as many as there is room for
+        newest = {key: part[-decisions:] for key, part in transitions.items()}
+        rows = packed(newest).transpose(1, 2).flatten(0, 1)
         self.buffer.extend(rows[-self.size :])  # two rows for one place would race
 
     def batches(self, count: int, size: int) -> Iterator[dict[Key, Tensor]]:

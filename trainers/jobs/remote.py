@@ -18,6 +18,7 @@ from safetensors.torch import load, save
 
 from trainers.algorithms.collector import BLOCK
 from trainers.jobs.cluster import Needs, Ray, launched
+from trainers.jobs.executors import LostProcess
 from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import checkpoint as checkpoints
@@ -25,7 +26,7 @@ from trainers.training import run_folder as runs
 from trainers.training import snapshot as snapshots
 from trainers.training.machine import memory_needed
 from trainers.training.run import prepare, timing_of, train_in
-from trainers.training.run_folder import RunFolder
+from trainers.training.run_folder import RunError, RunFolder
 
 RETRIES = 3  # of a block whose process was killed: memory that runs out would end each of them
 LOADED = 6e8  # [bytes] of a process with torch
@@ -61,8 +62,10 @@ def collectors(
     executor = launched(launcher, jobs, address, retries=RETRIES)
     try:
         yield executor.needing(needs_of_block(settings)) if isinstance(executor, Ray) else executor
-    except BaseException:
+    except BaseException as error:
         executor.shutdown(cancel_futures=True)
+        if isinstance(error, LostProcess):
+            raise RunError(f"a block of decisions was begun {1 + RETRIES} times: {error}") from None
         raise
     executor.shutdown()
 
