@@ -56,12 +56,8 @@ def assert_same(one, other):
 def test_blocks_are_whole_worlds_or_parts_of_one(cells, worlds, size, parts):
     blocks = blocks_of(DQNSettings(n_swimmers=cells, n_worlds=worlds, block=size))
     assert [(each.worlds[0], *each.cells) for each in blocks] == parts
-    rows = [
-        each.first + i
-        for each in blocks
-        for i in range((each.worlds[1] - each.worlds[0]) * (each.cells[1] - each.cells[0]))
-    ]
-    assert rows == list(range(cells * worlds))
+    rows = range(cells * worlds)
+    assert [row for each in blocks for row in rows[each.columns]] == list(rows)
 
 
 @pytest.mark.parametrize(

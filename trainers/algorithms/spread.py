@@ -6,6 +6,7 @@ which, how many did them, or how often one had to be begun again.
 """
 
 import copy
+import functools
 import pickle
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -41,6 +42,13 @@ class Block(NamedTuple):
     def first(self) -> int:
         """Its first row in the population of a seed."""
         return self.worlds[0] * self.n_swimmers + self.cells[0]
+
+    @property
+    def columns(self) -> slice:
+        """Its rows in the population of a seed."""
+        return slice(
+            self.first, self.first + (self.worlds[1] - self.worlds[0]) * (self.cells[1] - self.cells[0])
+        )
 
     def of(self, whole: np.ndarray) -> np.ndarray:
         """The view of what is the block's of an array (seeds, worlds, ...)."""
@@ -87,11 +95,17 @@ def collected(settings: Settings, block: Block, policy: bytes, state: Arrays, de
     return Found(rollout, {name: _array(each) for name, each in env.state_dict_of_env().items()})
 
 
-def here(do: Callable[..., Any], *arguments: Any) -> Future:
-    """The outcome of a task that is done at once, in this process."""
-    future: Future = Future()
-    future.set_result(do(*arguments))
-    return future
+class Here(Future):
+    """The outcome of a task that is done in this process, when it is asked for."""
+
+    def __init__(self, do: Callable[..., Any], *arguments: Any) -> None:
+        super().__init__()
+        self._task = functools.partial(do, *arguments)
+
+    def result(self, timeout: float | None = None) -> Any:
+        if not self.done():
+            self.set_result(self._task())
+        return super().result(timeout)
 
 
 def check_portable(policy: nn.Module) -> nn.Module:
@@ -113,7 +127,7 @@ class SpreadCollector(SeedCollector):
     has ended: while that is learnt from, by the policy of before.
     """
 
-    def __init__(self, whole: SeedCollector | None, settings: Settings, submit: Submit = here) -> None:
+    def __init__(self, whole: SeedCollector | None, settings: Settings, submit: Submit = Here) -> None:
         if whole is None or type(whole) is not SeedCollector:
             raise ValueError(
                 f"learning.block must be 0 where {type(whole).__name__} collects, got "
@@ -124,14 +138,40 @@ class SpreadCollector(SeedCollector):
         self._begun: tuple[tuple[int, int], list[Future]] | None = None  # at which moment, and which tasks
 
     def collect(self, decisions: int) -> TensorDict:
-        env, now = self.env, self._moment()
-        waited_for = self._begun[1] if self._begun and self._begun[0] == now else self._begin(decisions)
-        found: list[Found] = [each.result() for each in waited_for]
-        length = max(len(each.rollout[ALIVE]) for each in found)
-        self._put([each.state for each in found], now[1] + length)
-        ahead = self.settings.learning.staleness and not env.all_finished()
-        self._begun = (self._moment(), self._begin(decisions)) if ahead else None
-        return _joined([each.rollout for each in found], length).to(env.device or "cpu")
+        env, now, decisions = self.env, self._moment(), min(decisions, self.env.world.max_decisions)
+        tasks = self._begun[1] if self._begun and self._begun[0] == now else self._begin(decisions)
+        self._begun = None
+        rollout, states = self._joined(tasks, decisions)
+        self._put(states, now[1] + len(rollout))
+        if self.settings.learning.staleness and not env.all_finished():
+            self._begun = self._moment(), self._begin(decisions)
+        return rollout
+
+    def _joined(self, tasks: list[Future], decisions: int) -> tuple[TensorDict, list[Arrays]]:
+        """What the blocks found side by side, put together as it comes, and their states.
+
+        Cells of a block whose lives have all ended wait for the others'.
+        """
+        whole, states, lengths = Arrays(), list[Arrays](), list[int]()
+        for block in self.blocks:
+            rollout, state = tasks.pop(0).result()
+            states.append(state)
+            lengths.append(len(rollout[ALIVE]))
+            for name, part in rollout.items():
+                if name not in whole:
+                    shape = decisions + (name == SEEN), part.shape[1], self.cells, *part.shape[3:]
+                    whole[name] = np.empty(shape, part.dtype)
+                whole[name][: len(part), :, block.columns] = part
+        length = max(lengths)
+        for block, ended in zip(self.blocks, lengths, strict=True):
+            for name, each in whole.items() if ended < length else ():
+                last = ended + (name == SEEN)
+                rest = each[last : length + (name == SEEN), :, block.columns]
+                rest[...] = OVER.get(name, each[last - 1, :, block.columns])
+        tensors = {name: torch.from_numpy(each).to(self.env.device or "cpu") for name, each in whole.items()}
+        seen = tensors[SEEN]
+        tensors = {name: each[:length] for name, each in tensors.items()} | {FOLLOWS: seen[1 : length + 1]}
+        return TensorDict(tensors, (length, *seen.shape[1:3])).unflatten_keys("."), states
 
     def _moment(self) -> tuple[int, int]:
         return int(self.env.episode[0]), int(self.env.decision[0])
@@ -139,7 +179,7 @@ class SpreadCollector(SeedCollector):
     def _begin(self, decisions: int) -> list[Future]:
         """Tasks of all blocks, with the policy and the cells as they are now."""
         held, futures = self._held(), []
-        policy = copy.deepcopy(self.policy).cpu()
+        policy = self.policy if self.env.device is None else copy.deepcopy(self.policy).cpu()
         pickled = None if hasattr(policy, "of_worlds") else pickle.dumps(policy)
         for block in self.blocks:
             parts = {name: block.of(each) for name, each in held.items()}
@@ -170,27 +210,6 @@ class SpreadCollector(SeedCollector):
         return torch.from_numpy(
             block.of(np.arange(self.env.n_worlds).reshape(len(self.env.seeds), -1))
         ).flatten()
-
-
-def _joined(rollouts: list[Arrays], length: int) -> TensorDict:
-    """The blocks' rollouts side by side; cells whose lives have all ended wait for the others'."""
-    parts = [_waiting(each, length - len(each[ALIVE])) for each in rollouts]
-    arrays = {name: np.concatenate([part[name] for part in parts], axis=2) for name in parts[0]}
-    tensors = {name: torch.from_numpy(each) for name, each in arrays.items()}
-    seen = tensors[SEEN]
-    return TensorDict(
-        tensors | {SEEN: seen[:-1], FOLLOWS: seen[1:]}, (length, *seen.shape[1:3])
-    ).unflatten_keys(".")
-
-
-def _waiting(rollout: Arrays, decisions: int) -> Arrays:
-    """A rollout, and so many decisions after it in which nothing happens."""
-    if decisions == 0:
-        return rollout
-    longer = {name: np.concatenate([each, each[-1:].repeat(decisions, 0)]) for name, each in rollout.items()}
-    for name, value in OVER.items():
-        longer[name][-decisions:] = value
-    return longer
 
 
 def _array(tensor: torch.Tensor) -> np.ndarray:

@@ -109,8 +109,8 @@ def begin(settings: Settings, folder: Path | None = None, where: Where = ("here"
     from trainers.jobs.remote import collectors
     from trainers.training import run as running
 
-    with collectors(settings, *where) as executor:
-        training, run = running.begin(folder, settings, executor.submit)
+    with collectors(settings, *where) as submit:
+        training, run = running.begin(folder, settings, submit)
         told = f"{settings.experiment} by {settings.algorithm}, recipe {settings.recipe}, {_seeds(settings)}"
         print(f"training {told}: settings and all else in {run.path}", flush=True)
         _complete(training, run)
@@ -134,8 +134,8 @@ def resume(folder: Path, where: Where = ("here", None, None)) -> None:
         print(f"{folder} is finished after {settings.learning.epochs} epochs; nothing is left to learn")
         print_test(running.test(settings, run))
     else:
-        with collectors(settings, *where) as executor:
-            _complete(*running.resume(folder, executor.submit))
+        with collectors(settings, *where) as submit:
+            _complete(*running.resume(folder, submit))
 
 
 def _complete(training: Training, run: RunFolder) -> None:

@@ -17,8 +17,9 @@ from typing import Any, NamedTuple
 from safetensors.torch import load, save
 
 from trainers.algorithms.collector import BLOCK
+from trainers.algorithms.spread import Here, Submit
 from trainers.jobs.cluster import Needs, Ray, launched
-from trainers.jobs.executors import LostProcess
+from trainers.jobs.executors import InProcess, LostProcess
 from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import checkpoint as checkpoints
@@ -50,7 +51,7 @@ def needs_of(settings: Settings) -> Needs:
 @contextmanager
 def collectors(
     settings: Settings, launcher: str, jobs: int | None = None, address: str | None = None
-) -> Iterator[Executor]:
+) -> Iterator[Submit]:
     """What collects the decisions of a run, as `launched` says; after an error what is under way is dropped.
 
     Raises SettingsError where no blocks could go elsewhere, and as `launched` and `Ray.needing` do.
@@ -61,7 +62,10 @@ def collectors(
         )
     executor = launched(launcher, jobs, address, retries=RETRIES)
     try:
-        yield executor.needing(needs_of_block(settings)) if isinstance(executor, Ray) else executor
+        if isinstance(executor, Ray):
+            yield executor.needing(needs_of_block(settings)).submit
+        else:
+            yield Here if isinstance(executor, InProcess) else executor.submit
     except BaseException as error:
         executor.shutdown(cancel_futures=True)
         if isinstance(error, LostProcess):

@@ -18,7 +18,7 @@ from swarm.physics.perception import described
 from swarm.policies.network import Network
 from trainers.algorithms.base import learner_of, worth_compiling
 from trainers.algorithms.networks import exported
-from trainers.algorithms.spread import SpreadCollector, Submit, here
+from trainers.algorithms.spread import Here, SpreadCollector, Submit
 from trainers.settings.schema import Settings
 from trainers.training.run_folder import RunError
 from trainers.training.validation import Validation
@@ -56,7 +56,7 @@ class Training:
         self.algorithm = learner_of(settings)(self.env, settings)
         if learning.block:
             whole = getattr(self.algorithm, "collector", None)
-            self.algorithm.collector = SpreadCollector(whole, settings, submit or here)
+            self.algorithm.collector = SpreadCollector(whole, settings, submit or Here)
         self.validation = Validation(world.replace(life=checked.life), checked.cells, self.seeds, device)
         self.epoch = 0
         self.decisions = 0
