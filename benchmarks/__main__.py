@@ -26,10 +26,12 @@ NAMES = (
     "same_goal_ppo",
     "crowd_path",
     "exact_solutions",
+    "exact_space",
     "population_path",
     "spread_path",
     "adaptive_cell",
     "continuous_steering",
+    "space_limit",
 )
 FURTHER = ("jax_path",)  # need a library more; measured where they are named
 

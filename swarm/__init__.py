@@ -29,11 +29,13 @@ from swarm.physics.fields import (
 )
 from swarm.physics.flows import FLOWS as flows
 from swarm.physics.flows import (
+    ABCFlow,
     DoubleGyre,
     FunctionFlow,
     GriddedFlow,
     OscillatingTaylorGreen,
     PoiseuilleFlow,
+    ShearAroundSphere,
     ShearFlow,
     StillWater,
     TaylorGreen,
@@ -62,6 +64,7 @@ _LAZY = {
 }
 
 __all__ = [
+    "ABCFlow",
     "AdaptiveSteering",
     "Contact",
     "DiffusingSource",
@@ -85,6 +88,7 @@ __all__ = [
     "Random",
     "ReleasedSource",
     "ReleasingSource",
+    "ShearAroundSphere",
     "ShearFlow",
     "ShearedSource",
     "SpermSwarmVector",

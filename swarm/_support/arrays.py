@@ -80,11 +80,16 @@ def join(*parts: Array) -> Array:
     Of torch tensors each part stays in one piece of memory: compiled loops crawl over interleaved ones.
     """
     first = parts[0]
-    if isinstance(first, np.ndarray) and len(parts) < 5 and all(each.dtype == first.dtype for each in parts[1:]):
-        joined = np.empty((*first.shape, len(parts)), first.dtype)  # the quickest way for few
-        for number, part in enumerate(parts):
-            joined[..., number] = part
-        return joined
+    if isinstance(first, np.ndarray):
+        if len(parts) == 2 and first.dtype == parts[1].dtype:
+            joined = np.empty((*first.shape, 2), first.dtype)  # the quickest way for two
+            joined[..., 0], joined[..., 1] = parts
+            return joined
+        if len(parts) < 5 and all(part.dtype == first.dtype for part in parts):  # and for few
+            joined = np.empty((*first.shape, len(parts)), first.dtype)
+            for number, part in enumerate(parts):
+                joined[..., number] = part
+            return joined
     xp = namespace(first)
     if is_torch(parts[0]):
         return xp.moveaxis(xp.stack(parts), 0, -1)

@@ -136,10 +136,20 @@ def check_pair(
     return x, y
 
 
+def check_triple(name: str, value: Any) -> tuple[float, ...]:
+    """Return `value` as three floats; raises unless it is three finite numbers."""
+    try:
+        x, y, z = (check_number(name, number) for number in value)
+    except (TypeError, ValueError) as error:
+        kind = TypeError if isinstance(error, TypeError) else ValueError
+        raise kind(f"{name} must be three finite numbers, got {value!r}") from None
+    return x, y, z
+
+
 def check_point(name: str, value: Any) -> tuple[float, ...]:
     """Return `value` as two floats, or three of a place in space; raises where it is none."""
     if isinstance(value, Sequence) and len(value) == 3:
-        return tuple(check_number(name, number) for number in value)
+        return check_triple(name, value)
     return check_pair(name, value, rule="two finite numbers (x, y), or three in space")
 
 

@@ -20,6 +20,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from matplotlib.ticker import MaxNLocator
 
 from swarm._support import files
 from swarm.physics.motion.domain import inside_all
@@ -187,13 +188,13 @@ def frame(axes: Axes, *, square: bool = False, narrowest: float = 0.45) -> None:
 
 
 def in_domain(world: World, quantity: Callable[[np.ndarray], Any], places: np.ndarray) -> np.ndarray:
-    """A quantity (...) of places (..., 2), NaN outside the domain, where it is not asked for."""
+    """A quantity (..., of each) of places (..., axes), NaN outside the domain, where it is not asked for."""
     inside = inside_all(world.domains, places)
     if inside is None or np.all(inside):
         return np.asarray(quantity(places))
     known = np.asarray(inside)
     found = np.asarray(quantity(places[known])) if known.any() else np.zeros(0)
-    values = np.full(known.shape, np.nan, np.result_type(found, np.float32))
+    values = np.full((*known.shape, *found.shape[1:]), np.nan, np.result_type(found, np.float32))
     values[known] = found
     return values
 
@@ -239,6 +240,11 @@ def around_egg(axes: Axes, world: World) -> None:
         (x, y), radius = world.egg
         axes.add_patch(Circle((x, y), radius, facecolor="#E69F00", edgecolor=INK, linewidth=0.8, zorder=4))
         axes.update_datalim([(x - radius, y - radius), (x + radius, y + radius)])
+
+
+def few_ticks() -> MaxNLocator:
+    """Four round numbers along an axis."""
+    return MaxNLocator(4, steps=[1, 2, 5, 10])
 
 
 def mark_start(axes: Axes, results: xr.Dataset, cell: int) -> None:

@@ -8,7 +8,19 @@ from typing import Any
 import numpy as np
 
 from swarm._support.checks import check_installed
-from swarm.figures.scene import PANEL, SIZE, TRAIL, Camera, Glance, Scene, Segment, Teams
+from swarm.figures.scene import (
+    PANEL,
+    SIZE,
+    TRAIL,
+    Camera,
+    Glance,
+    Helices,
+    Orbit,
+    Scene,
+    Segment,
+    Teams,
+)
+from swarm.physics.motion.arc import Pose
 from swarm.physics.world import State, World
 
 SMALLEST_VIEW = 9.0  # [length]
@@ -33,9 +45,9 @@ class Viewer:
 
     def _forget(self) -> None:
         self.glance: Glance | None = None
-        self.trail: deque[Segment] = deque(maxlen=TRAIL)
+        self.trail: deque[Any] = deque(maxlen=TRAIL)
         self.curve: list[tuple[float, float, float, float]] = []  # time; mean, least and largest gain
-        self.camera: Camera | None = None
+        self.camera: Any = None  # `Camera`, in space `Orbit`
         self.scene = Scene(self.world, self.teams)
 
     def follow(self, state: State) -> None:
@@ -43,7 +55,8 @@ class Viewer:
         glance, before = self._look(state), self.glance
         if before is not None:
             moved = glance.time > before.time
-            begun = ~moved & (glance.position != before.position)
+            off = glance.position != before.position
+            begun = ~moved & (off.any(axis=-1) if off.ndim > 1 else off)
             if begun.all():
                 self._forget()
             else:
@@ -68,7 +81,10 @@ class Viewer:
         """The picture (720, 960, 3) uint8 at a `share` of the latest decision, 1 being its end."""
         if self.glance is None or self.camera is None:
             raise RuntimeError("follow must be given a state first")
-        return self.scene.picture(self.camera, self.glance, self.trail, np.array(self.curve), share=share)
+        camera = self.camera
+        if isinstance(camera, Orbit):
+            camera = camera.turned(len(self.curve) - 1 + share)
+        return self.scene.picture(camera, self.glance, self.trail, np.array(self.curve), share=share)
 
     def close(self) -> None:
         """Close the window."""
@@ -76,13 +92,14 @@ class Viewer:
             self.window.close()
 
     def _look(self, state: State) -> Glance:
-        world = self.world
+        world, in_space = self.world, self.world.dimensions == 3
         gain = world.concentration(state) - state.start_concentration
         race, time = world.race, np.asarray(world.time(state), float)
         closed = race is not None and bool((race.closes(state.arrival_time) <= time.max()).all())
+        position = np.asarray(state.position, float)
         return Glance(
-            np.asarray(state.position, float) @ [1, 1j],
-            np.asarray(world.heading_angle(state), float),
+            position if in_space else position @ [1, 1j],
+            np.asarray(world.direction(state) if in_space else world.heading_angle(state), float),
             np.asarray(world.curvature(state), float),
             time,
             np.asarray(gain, float),
@@ -90,20 +107,30 @@ class Viewer:
             None if race is None else np.asarray(world.won(state)),
             closed,
             state.medium,
+            np.asarray(state.heading, float) if in_space else None,
         )
 
     def _lengthen(self, before: Glance, now: Glance, moved: np.ndarray, begun: np.ndarray) -> None:
         """Add what was swum between two glances to the trails."""
-        speed = np.interp(now.curvature, self.world.curvatures, self.world.action_speeds)
-        turn = now.curvature * speed * np.where(moved, now.time - before.time, 0.0)
-        excess = np.angle(np.exp(1j * (now.angle - before.angle - turn)))  # by flow and noise
         for i, segment in enumerate(self.trail):
             self.trail[i] = segment._replace(seen=segment.seen & ~begun)
+        speed = np.interp(now.curvature, self.world.curvatures, self.world.action_speeds)
+        wait = np.where(moved, now.time - before.time, 0.0)
+        if self.world.torsions is not None:
+            torsion = np.interp(now.curvature, self.world.curvatures, self.world.torsions)
+            numbers = now.curvature, torsion, speed, wait
+            start = Pose(before.position, before.orientation)
+            self.trail.append(Helices(start, now.position, *numbers, moved))
+            return
+        turn = now.curvature * speed * wait
+        excess = np.angle(np.exp(1j * (now.heading - before.heading - turn)))  # by flow and noise
         self.trail.append(Segment(before.position, now.position - before.position, turn + excess, moved))
 
-    def _aim(self, glance: Glance) -> Camera:
+    def _aim(self, glance: Glance) -> Camera | Orbit:
         """Move the camera towards the cells that are alive, at once where it has not been."""
         places = glance.position if glance.finished.all() else glance.position[~glance.finished]
+        if places.ndim > 1:
+            return Orbit.around(places, self.camera, self.world.egg)
         x, y = places.real, places.imag
         width = max(1.12 * float(max(np.ptp(x), np.ptp(y))) + 1.0, SMALLEST_VIEW)
         ideal = Camera(float(x.min() + x.max()) / 2, float(y.min() + y.max()) / 2, width)

@@ -2,8 +2,8 @@
 as a policy.
 
 No cell can gain more on average than the limit, so every gain is quoted against it. It exists for the
-linear field without perturbations, in still water and in the Taylor–Green flow, with intervals that share a
-tick; elsewhere it is None. The gain is Δc = c(t_life) − c(0), in concentration.
+linear field without perturbations, in still water, in the plane and in space, and in the Taylor–Green flow,
+with intervals that share a tick; elsewhere it is None. The gain is Δc = c(t_life) − c(0), in concentration.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ import numpy as np
 
 from swarm._support.arrays import as_array, namespace
 from swarm.optimal import still, store
+from swarm.optimal.helical import POLICY_SPHERE, SPHERES, HelicalLimit, HelicalTables
 from swarm.optimal.problem import Problem, largest, problem_of, why_no_limit
 from swarm.optimal.tables import GRIDS, POLICY_GRID, VortexLimit, VortexTables
 from swarm.physics.flows import TaylorGreen
 from swarm.physics.motion.arc import Pose
-from swarm.physics.motion.collocation import swim
 from swarm.physics.starts import Starts
 from swarm.physics.world import State, World
 
@@ -98,7 +98,7 @@ class Optimal:
             self._world = world
             self._problem, self._tables = _policy(world)
         problem, cells = self._problem, tuple(state.clock.shape)
-        pose = Pose(*(_numpy(part).reshape(-1, 2) for part in state.pose))
+        pose = Pose(*(_numpy(part).reshape(-1, part.shape[-1]) for part in state.pose))
         left = problem.life_ticks - _numpy(state.clock).reshape(-1).astype(np.int64)
         found = [_score(problem, self._tables, pose, left, action) for action in range(len(problem.ticks))]
         return np.reshape(found, (-1, *cells))
@@ -115,10 +115,8 @@ class Optimal:
 
 def _score(problem: Problem, tables: Any, pose: Pose, left: np.ndarray, action: int) -> np.ndarray:
     """What a life (cells,) can still gain when it goes on with `action` [length]."""
-    same = np.ones(left.shape)
-    duration = problem.duration(action, left)
-    end = swim(pose, problem.curvatures[action] * same, problem.speeds[action] * same, duration, problem.flow)
-    rise = end.position[..., 1] - pose.position[..., 1]
+    end = problem.moved(pose, action, problem.duration(action, left))
+    rise = end.position[..., -1] - pose.position[..., -1]
     return rise + tables.ahead(end, problem.after(action, left))
 
 
@@ -130,12 +128,15 @@ def _numpy(array: Array) -> np.ndarray:
 
 
 _still = lru_cache(maxsize=8)(still.solve)
+_helical = lru_cache(maxsize=8)(HelicalTables.compute)
 
 
 def _policy(world: World) -> tuple[Problem, Any]:
     problem = problem_of(world)
     if problem is None:
         raise ValueError(f"Optimal needs {why_no_limit(world)}")
+    if problem.torsions is not None:
+        return problem, _helical(problem, POLICY_SPHERE)
     if problem.flow is None:
         return problem, _still(problem)
     return problem, store.tables(VortexTables, problem, (POLICY_GRID,))
@@ -149,9 +150,11 @@ class Bounds(NamedTuple):
 
     def by_grid(self, position: np.ndarray, heading: np.ndarray) -> dict[str, np.ndarray]:
         """The largest gain (cells,) from each start [concentration], by each grid, the finest last."""
-        heading = np.asarray(heading, np.float64).reshape(-1)
-        position = np.asarray(position, np.float64).reshape(-1, 2)
-        pose = Pose(position, np.stack([np.cos(heading), np.sin(heading)], axis=-1))
+        position = np.asarray(position, np.float64).reshape(-1, np.shape(position)[-1])
+        heading = np.asarray(heading, np.float64).reshape(len(position), -1)
+        if heading.shape[-1] == 1:  # an angle, in the plane
+            heading = np.concatenate([np.cos(heading), np.sin(heading)], axis=-1)
+        pose = Pose(position, heading)
         return {name: self.scale * values for name, values in self.tables.bounds(pose).items()}
 
     def means(self, position: np.ndarray, heading: np.ndarray) -> dict[str, float]:
@@ -164,7 +167,10 @@ def bounds_of(world: World) -> Bounds | None:
     problem = problem_of(world)
     if problem is None:
         return None
-    tables = _still(problem) if problem.flow is None else store.tables(VortexLimit, problem, GRIDS)
+    if problem.torsions is not None:
+        tables = store.tables(HelicalLimit, problem, SPHERES)
+    else:
+        tables = _still(problem) if problem.flow is None else store.tables(VortexLimit, problem, GRIDS)
     return Bounds(world.field.gradient_scale, tables)
 
 

@@ -8,24 +8,30 @@ whole numbers of one tick.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from swarm.physics.fields import LinearField
 from swarm.physics.flows import StillWater, TaylorGreen
 from swarm.physics.motion.arc import Pose
+from swarm.physics.motion.collocation import swim
+from swarm.physics.motion.helix import Screw, along_helix, helix
 from swarm.physics.world import World
 
 CUBIC = np.arange(-1, 3)  # the neighbours that a cubic reading goes through
 CURVATURES = 65  # that stand for a range of them
 MAX_TIMES = 100_000  # times left that are worth a table each
 
+Progress = Callable[[float], None]  # told the part of the work that is done
+
 
 @dataclass(frozen=True)
 class Problem:
-    """The swimmer, its clock and the flow, in a linear field of unit gradient along y."""
+    """The swimmer, its clock and the flow, in a linear field of unit gradient along the last axis."""
 
     curvatures: tuple[float, ...]  # κ₁ … κ_m [1 / length]
     speeds: tuple[float, ...]  # with each action [length / time]
@@ -34,6 +40,7 @@ class Problem:
     life: float  # [time]
     flow: TaylorGreen | None  # None: still water
     dense: bool = False  # `curvatures` stand for all between the first and the last
+    torsions: tuple[float, ...] | None = None  # τ₁ … τ_m [1 / length]; None: in the plane
 
     @cached_property
     def life_ticks(self) -> int:
@@ -50,6 +57,20 @@ class Problem:
     def after(self, action: int, left: np.ndarray | int) -> np.ndarray:
         """Ticks left (...) after that interval."""
         return np.maximum(np.asarray(left) - self.ticks[action], 0)
+
+    def screw(self, action: int, duration: np.ndarray) -> Screw:
+        """What a cell in space swims for a time (...) with `action`."""
+        assert self.torsions is not None
+        same = np.ones(np.shape(duration))
+        kappa, tau, speed = (each[action] * same for each in (self.curvatures, self.torsions, self.speeds))
+        return helix(kappa, tau, speed, duration)
+
+    def moved(self, pose: Pose, action: int, duration: np.ndarray) -> Pose:
+        """The pose after a time (cells,) with `action`."""
+        if self.torsions is not None:
+            return along_helix(pose, self.screw(action, duration))
+        same = np.ones(duration.shape)
+        return swim(pose, self.curvatures[action] * same, self.speeds[action] * same, duration, self.flow)
 
     @cached_property
     def times(self) -> np.ndarray:
@@ -68,6 +89,28 @@ class Problem:
     def row(self, left: np.ndarray) -> np.ndarray:
         """Where `left` (...) ticks stand among `times`."""
         return np.minimum(np.searchsorted(self.times, left), len(self.times) - 1)
+
+
+def backward(
+    problem: Problem, decision: Callable[[int, int], Any], last: np.ndarray, kept: Callable[[np.ndarray], Any]
+) -> Iterator[np.ndarray]:
+    """The largest gain still to come at every time left, from that at the end of life, `last`, to its start.
+
+    `decision(action, left)` has `before`, which gives what there is before it from what there is after it;
+    that is `kept`, for instance as a spline.
+    """
+    whole = [decision(action, problem.life_ticks) for action in range(len(problem.ticks))]
+    recent = {0: last}
+    yield last
+    for left in problem.times.tolist()[1:]:
+        gains = []
+        for action, ticks in enumerate(problem.ticks):
+            step = whole[action] if left > ticks else decision(action, left)
+            gains.append(step.before(recent[max(left - ticks, 0)]))
+        recent[left] = kept(largest(np.asarray(gains), problem.dense)[0])
+        for old in [time for time in recent if time and time < left - max(problem.ticks)]:
+            del recent[old]
+        yield recent[left]
 
 
 def largest(scores: np.ndarray, dense: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -100,12 +143,19 @@ def lagrange(offset: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     return weights
 
 
+def part_of(progress: Progress | None, low: float, high: float) -> Progress | None:
+    """Reports of a part of the work as reports of the whole."""
+    if progress is None:
+        return None
+    return lambda fraction: progress(low + (high - low) * fraction)
+
+
 def why_no_limit(world: World) -> str | None:
     """What keeps the limit of a world from being computed, or None where nothing does."""
-    if world.dimensions != 2:
-        return f"a world in the plane, got torsions = {world.torsions}"
     if type(world.field) is not LinearField:
         return f"a linear field, got {world.field!r}"
+    if world.dimensions == 3 and type(world.flow) is not StillWater:
+        return f"still water in three dimensions, got {world.flow!r}"
     if type(world.flow) not in (StillWater, TaylorGreen):
         return f"still water or the Taylor–Green flow, got {world.flow!r}"
     if world.is_continuous and type(world.flow) is not StillWater:
@@ -140,4 +190,5 @@ def problem_of(world: World) -> Problem | None:
         tick=world.tick,
         life=world.life,
         flow=world.flow if isinstance(world.flow, TaylorGreen) else None,
+        torsions=world.torsions,
     )

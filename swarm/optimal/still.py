@@ -13,11 +13,12 @@ them: the largest is read off a parabola through three evenly spaced ones.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
-from swarm.optimal.problem import CUBIC, Problem, heading_angle, lagrange, largest
+from swarm.optimal.problem import CUBIC, Problem, backward, heading_angle, lagrange
 from swarm.physics.motion.arc import Pose, arc
 
 HEADINGS = 2048  # of the table the limit is read from
@@ -62,28 +63,18 @@ def _coarser(problem: Problem, times: int) -> Problem:
 def _backward(problem: Problem, headings: int, *, keep: int) -> tuple[np.ndarray, np.ndarray]:
     """The largest gain of a life (headings,), and of all times left on `keep` of the headings."""
     theta = 2 * np.pi / headings * np.arange(headings)
-    whole = [_Arc(problem, action, problem.life_ticks, theta) for action in range(len(problem.ticks))]
+    decision = functools.partial(_Arc, problem, theta)
     kept = np.zeros((len(problem.times), keep), np.float32)
-    recent = {0: np.zeros(headings)}
-    for row, left in enumerate(problem.times.tolist()):
-        if left == 0:
-            continue
-        gains = []
-        for action, ticks in enumerate(problem.ticks):
-            step = whole[action] if left > ticks else _Arc(problem, action, left, theta)
-            gains.append(step.gain + step.turned(recent[max(left - ticks, 0)]))
-        recent[left] = largest(np.asarray(gains), problem.dense)[0]
+    for row, values in enumerate(backward(problem, decision, np.zeros(headings), lambda values: values)):
         if keep:
-            kept[row] = recent[left][:: headings // keep]
-        for old in [time for time in recent if time and time < left - max(problem.ticks)]:
-            del recent[old]
-    return recent[problem.life_ticks], kept
+            kept[row] = values[:: headings // keep]
+    return values, kept
 
 
 class _Arc:
     """What one decision does to every heading of a grid."""
 
-    def __init__(self, problem: Problem, action: int, left: int, theta: np.ndarray) -> None:
+    def __init__(self, problem: Problem, theta: np.ndarray, action: int, left: int) -> None:
         curvature, speed = problem.curvatures[action], problem.speeds[action]
         duration = problem.duration(action, left)
         (forward, _), (aside, _) = arc(np.float64(curvature), np.float64(speed), duration)
@@ -92,10 +83,10 @@ class _Arc:
         self.steps = int(np.floor(steps))
         self.weights = lagrange(np.asarray(steps - self.steps), CUBIC)
 
-    def turned(self, values: np.ndarray) -> np.ndarray:
-        """`values` (headings,) at the headings after the turn."""
+    def before(self, values: np.ndarray) -> np.ndarray:
+        """The largest gain still to come (headings,) before it, from `values` (headings,) after it."""
         near = np.take(values, np.arange(self.steps - 1, self.steps + len(values) + 2), mode="wrap")
-        return np.convolve(near, self.weights[::-1], mode="valid")
+        return self.gain + np.convolve(near, self.weights[::-1], mode="valid")
 
 
 def _read(table: np.ndarray, heading: np.ndarray, row: np.ndarray | None = None) -> np.ndarray:

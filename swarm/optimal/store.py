@@ -1,5 +1,4 @@
-"""Tables of the Taylor–Green flow on the disk: shipped with the software, or kept once they have been
-computed.
+"""Tables that take long on the disk: shipped with the software, or kept once they have been computed.
 
 A file is named by a digest of all its parameters and states them; with its tensors goes their digest. It is
 safetensors, which cannot run anything; whatever is wrong with it, it is set aside and the tables are
@@ -22,6 +21,7 @@ import numpy as np
 import platformdirs
 
 from swarm._support import tensors
+from swarm.optimal.helical import HelicalLimit, Spheres
 from swarm.optimal.problem import Problem
 from swarm.optimal.tables import Grids, Shapes, VortexLimit, VortexTables
 
@@ -30,7 +30,7 @@ CACHE = "CHEMOSWARM_CACHE"  # environment variable: the folder for what is compu
 SCHEME = 1  # rises when the same parameters give other tables
 MAX_FILE = 256 * 2**20  # [bytes]
 
-Tables = type[VortexLimit] | type[VortexTables]
+Tables = type[VortexLimit] | type[VortexTables] | type[HelicalLimit]
 
 
 def cache_folder() -> Path:
@@ -38,13 +38,12 @@ def cache_folder() -> Path:
     return Path(os.environ.get(CACHE) or platformdirs.user_cache_path("chemoswarm", appauthor=False))
 
 
-def key_of(kind: Tables, problem: Problem, grids: Grids) -> dict[str, Any]:
+def key_of(kind: Tables, problem: Problem, grids: Grids | Spheres) -> dict[str, Any]:
     """All that the tables depend on."""
-    assert problem.flow is not None
-    parameters = {
-        item.name: getattr(problem, item.name) for item in dataclasses.fields(problem) if item.name != "dense"
-    }
-    parameters["flow"] = {"speed_scale": problem.flow.speed_scale, "wavenumber": problem.flow.wavenumber}
+    parameters = {item.name: getattr(problem, item.name) for item in dataclasses.fields(problem)}
+    parameters = {name: value for name, value in parameters.items() if value is not None and name != "dense"}
+    if problem.flow is not None:
+        parameters["flow"] = {"speed_scale": problem.flow.speed_scale, "wavenumber": problem.flow.wavenumber}
     plain = {"kind": kind.name, "scheme": SCHEME, "grids": grids, **parameters}
     return json.loads(json.dumps(plain))
 
@@ -52,11 +51,12 @@ def key_of(kind: Tables, problem: Problem, grids: Grids) -> dict[str, Any]:
 def file_name(key: dict[str, Any]) -> str:
     """The name of the file with these tables."""
     digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
-    return f"taylor_green_{key['kind']}_{digest[:16]}.safetensors"
+    where = "taylor_green" if "flow" in key else "space"
+    return f"{where}_{key['kind']}_{digest[:16]}.safetensors"
 
 
 @lru_cache(maxsize=8)
-def tables(kind: Any, problem: Problem, grids: Grids) -> Any:
+def tables(kind: Any, problem: Problem, grids: Grids | Spheres) -> Any:
     """The tables, shipped, kept or computed; what takes long or goes wrong is said in a line."""
     key = key_of(kind, problem, grids)
     for folder in (SHIPPED, cache_folder()):
@@ -66,7 +66,9 @@ def tables(kind: Any, problem: Problem, grids: Grids) -> Any:
                 return kind(problem, grids, read(path, key, kind.shapes(problem, grids)))
         except (OSError, ValueError) as error:
             _say(f"{path} is not used, its tables are computed anew: {error}")
-    with shown_progress(f"Optimal {key['kind']} in the Taylor–Green flow") as progress:
+    slow = problem.flow is not None
+    where = "the Taylor–Green flow" if slow else "space"
+    with shown_progress(f"Optimal {key['kind']} in {where}", slow) as progress:
         computed = kind.compute(problem, grids, progress)
     path = cache_folder() / file_name(key)
     try:
@@ -117,11 +119,11 @@ def _say(line: str) -> None:
 
 
 @contextmanager
-def shown_progress(title: str) -> Iterator[Any]:
-    """A bar on a terminal, else a line now and then."""
+def shown_progress(title: str, slow: bool = True) -> Iterator[Any]:
+    """A bar on a terminal, else a line now and then, and for `slow` work one at once."""
     from swarm._support.terminal import Progress
 
     with Progress(title, 1.0) as bar:
-        if bar.disable:
+        if bar.disable and slow:
             bar.say(f"{title}: computing it once, which may take a minute or two")
         yield bar.show

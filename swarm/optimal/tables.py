@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from swarm.optimal.problem import Problem, heading_angle
-from swarm.optimal.vortices import Grid, Progress, backward, commensurate_headings
+from swarm.optimal.problem import Problem, Progress, heading_angle, part_of
+from swarm.optimal.vortices import Grid, backward, commensurate_headings
 from swarm.physics.motion.arc import Pose
 
 Grids = tuple[tuple[int, int], ...]  # places, headings at least
@@ -81,7 +80,7 @@ class VortexLimit(_Kept):
         means, values = [], []
         for number, pair in enumerate(grids):
             grid = grid_of(problem, *pair)
-            report = _part(progress, before[number], before[number + 1])
+            report = part_of(progress, before[number], before[number + 1])
             steps = backward(problem, grid, monotone=is_fast(problem), progress=report)
             mean, rest = deque(steps, maxlen=1)[0]  # a whole life left
             places = tuple(
@@ -126,14 +125,14 @@ class VortexTables(_Kept):
         stride = math.ceil(len(problem.times) / SAMPLES)
         fast = is_fast(problem)
         means, samples = [], []
-        report = _part(progress, 0.0, 1.0 if stride == 1 else 0.5)
+        report = part_of(progress, 0.0, 1.0 if stride == 1 else 0.5)
         for row, (mean, rest) in enumerate(backward(problem, grid, monotone=fast, progress=report)):
             means.append(mean)
             if row % stride == 0:
                 samples.append(rest)
         components = _principal(np.stack(samples), min(COMPONENTS, len(means)))
         if stride > 1:
-            again = backward(problem, grid, monotone=fast, progress=_part(progress, 0.5, 1.0))
+            again = backward(problem, grid, monotone=fast, progress=part_of(progress, 0.5, 1.0))
             coefficients = np.stack([rest @ components for _, rest in again])
         else:
             coefficients = np.stack(samples) @ components
@@ -167,10 +166,3 @@ def _principal(samples: np.ndarray, count: int) -> np.ndarray:
     vectors = np.linalg.eigh((samples @ samples.T).astype(np.float64))[1]
     largest = vectors[:, : -count - 1 : -1].astype(np.float32)
     return np.linalg.qr(samples.T @ largest)[0]
-
-
-def _part(progress: Progress | None, low: float, high: float) -> Callable[[float], None] | None:
-    """Reports of a part of the work as reports of the whole."""
-    if progress is None:
-        return None
-    return lambda fraction: progress(low + (high - low) * fraction)

@@ -19,14 +19,14 @@ leaves all longer ones alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from swarm.optimal.problem import CUBIC, Problem, heading_angle, lagrange
+from swarm.optimal.problem import CUBIC, Problem, Progress, heading_angle, lagrange
 from swarm.physics.motion.arc import Pose, centre_of_curvature
 from swarm.physics.motion.collocation import swim
 
@@ -36,8 +36,6 @@ DAMPING_ORDER = 4  # half the order of the difference that damps
 INVERSE_STEPS = 60  # at most, to find where a motion comes from
 SETTLED = 1e-6  # and how exactly [length]
 CHUNK = 10_000  # places whose motions are computed at once
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)

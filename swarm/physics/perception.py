@@ -17,7 +17,7 @@ from swarm._support.arrays import as_array, join, namespace
 from swarm._support.checks import Checked, check_count, check_number, parameter
 from swarm._support.registry import Registry
 from swarm.physics.motion.arc import components
-from swarm.physics.motion.collocation import velocity_and_spin
+from swarm.physics.motion.collocation import velocity_and_spin, velocity_and_vorticity
 
 Array = Any
 World = Any  # a `swarm.World`, which has a sensor
@@ -43,8 +43,8 @@ class Sensor(Protocol):
     """What the world asks of a sensor.
 
     Used when there: `needs_time = True`; `senses_others = True`, which makes cells decide at the same
-    moments; `in_plane_only = True`; and `check(world)`, which raises ValueError where the sensor does not fit
-    a world.
+    moments; `coordinates`, 2 or 3, where it holds in the plane or in space only; and `check(world)`, which
+    raises ValueError where the sensor does not fit a world.
     """
 
     @property
@@ -89,13 +89,7 @@ class Memory:
         current = getattr(world.flow, "max_speed", None)
         rate = getattr(world.field, "max_rate", None) if hasattr(world.field, "at") else 0.0
         bounded = not world.interactions and world.medium is None and world.binding_rate is None
-        if (
-            gradient is None
-            or current is None
-            or rate is None
-            or world.concentration_noise > 0
-            or not bounded
-        ):
+        if None in (gradient, current, rate) or world.concentration_noise > 0 or not bounded:
             return LARGEST, curvature
         pairs = zip(world.action_speeds, world.intervals, strict=True)
         wider = 1.0 if world.spread is None else world.spread.largest[0]
@@ -110,7 +104,7 @@ class MemoryWithFlow(Memory):
 
     name = "memory_with_flow"
     names: ClassVar[tuple[str, ...]] = (*Memory.names, "flow_x", "flow_y", "spin")
-    in_plane_only = True
+    coordinates = 2
 
     def check(self, world: World) -> None:
         """Raises ValueError where the flow has nothing to normalise by."""
@@ -139,6 +133,29 @@ class MemoryWithFlow(Memory):
             )
         )
         return *super().bounds(world), speed, speed, spin
+
+
+@SENSORS.register("memory_with_flow_in_space")
+@dataclass(frozen=True)
+class MemoryWithFlowInSpace(MemoryWithFlow):
+    """Concentration, curvature and the flow in space: u by u₀, and half the vorticity by its scale."""
+
+    name = "memory_with_flow_in_space"
+    names = (*Memory.names, "flow_x", "flow_y", "flow_z", "spin_x", "spin_y", "spin_z")
+    coordinates = 3
+
+    def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
+        """c κ̄/c_k, κ*, u_x*, u_y*, u_z*, ω_x/2*, ω_y/2*, ω_z/2*."""
+        x, y, z = components(situation.position)
+        found = velocity_and_vorticity(world.flow, x, y, z, time)
+        scales = 3 * [1 / world.flow.speed_scale] + 3 * [0.5 / world.flow.spin_scale]
+        sensed = (each * scale for each, scale in zip(found, scales, strict=True))
+        return *Memory.record(self, world, time, situation), *sensed
+
+    def bounds(self, world: World) -> Sequence[float]:
+        """The flow's own bounds."""
+        *plain, speed, _, spin = super().bounds(world)
+        return *plain[:2], *3 * [speed], *3 * [spin]
 
 
 @SENSORS.register("memory_with_traits")
@@ -181,7 +198,7 @@ class MemoryWithNeighbours(Checked):
 
     name: ClassVar[str] = "memory_with_neighbours"
     senses_others: ClassVar[bool] = True
-    in_plane_only: ClassVar[bool] = True
+    coordinates: ClassVar[int] = 2
 
     @property
     def names(self) -> Sequence[str]:

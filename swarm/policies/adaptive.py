@@ -35,6 +35,7 @@ Array = Any
 
 MODES = ("linear", "on_off")
 MOST = 60.0  # of |ln p|: a signal that stays away must not overflow
+QUICKEST = 0.3  # σω that is taken by default in space, at least
 RADIANS = 0.5  # that the quickest part of the response turns through in a step, at most
 
 
@@ -64,8 +65,12 @@ class AdaptiveSteering(Checked):
     of a record for the interval that it ends, with the bindings of each step where they are counted. Two
     gains with a `decision` are those below and above a signal of this level, to which 1/p has adapted
     (decision making: Kromer et al., PLOS Comput. Biol. 14 (2018) e1006109). None takes σ = 3/ω, sampled less
-    ΔT/2, by which decisions are late, μ = 1/ω and g = 80 κ̄ of the world, ω = v κ̄. Raises TypeError or
-    ValueError that names the parameter and its rule.
+    ΔT/2, by which decisions are late, μ = 1/ω and g = 80 κ̄ of the world, ω = v κ̄.
+
+    In space, sampled only, torsion goes with curvature as in the actions (Jikeli et al., Nat. Commun. 6
+    (2015) 7985): κ = κ̄ ∓ g (a − 1) by the world's `response_sign`, ω = v w̄ and σ = (1 − tan(ωΔT/2))/ω, at
+    least 0.3/ω, which brings the output into phase with the signal half an interval later. Raises TypeError
+    or ValueError that names the parameter and its rule.
     """
 
     relaxation: float | None = parameter(None, optional(check_number), above=0.0)  # σ [time]
@@ -105,7 +110,8 @@ class AdaptiveSteering(Checked):
         intervals = as_array(np.asarray(world.clock.intervals), newest)
         length = intervals[0] if world.is_continuous else look_up(intervals, world.last_action(state))
         response = output, sensitivity = self._response(world, length, before, newest, carry)
-        wanted = self.curvature(world, output, self.gain_at(world, sensitivity))
+        steering = output if world.response_sign > 0 else 2 - output
+        wanted = self.curvature(world, steering, self.gain_at(world, sensitivity))
         if world.is_continuous:
             return wanted, Adaptation(*response, carry.owed)
         spacing = world.curvatures[1] - world.curvatures[0]
@@ -116,9 +122,12 @@ class AdaptiveSteering(Checked):
 
     def times(self, world: World) -> tuple[float, float]:
         """σ and μ [time]."""
-        unit = 1 / (world.mean_curvature * max(world.action_speeds))
+        unit = 1 / (world.mean_turning * max(world.action_speeds))
         late = 0.0 if self.continuous else 0.5 * max(world.clock.intervals)
-        return self.relaxation or 3 * unit - late, self.adaptation or unit
+        relaxation = (
+            3 * unit - late if world.dimensions == 2 else unit * max(QUICKEST, 1 - math.tan(late / unit))
+        )
+        return self.relaxation or relaxation, self.adaptation or unit
 
     def swim(self, world: World, state: State, noise: Array, carry: Adaptation) -> tuple[Way, Adaptation]:
         """The way (..., cells) of continuous steering to the next decision, and what is carried on."""
@@ -157,6 +166,8 @@ class AdaptiveSteering(Checked):
         the gain, where the signal is `level` at the centre and rises by `slope` per length:
         −(v g r₀² |∇s| |χ|/2) sin(arg χ) and (v g r₀² |∇s| |χ|/2) cos(arg χ), r₀ = 1/κ̄.
         """
+        if world.dimensions != 2:
+            raise ValueError("drift must be asked for in the plane, got a world in space")
         response = self.susceptibility(world, level)
         gain = float(self.gain_at(world, np.asarray(-math.log(level))))
         size = 0.5 * max(world.action_speeds) * gain * slope * abs(response) / world.mean_curvature**2
@@ -199,7 +210,7 @@ class AdaptiveSteering(Checked):
     def steps(self, world: World) -> int:
         """How many steps an interval takes."""
         quickest = max(
-            world.mean_curvature * max(world.action_speeds), *(1 / time for time in self.times(world))
+            world.mean_turning * max(world.action_speeds), *(1 / time for time in self.times(world))
         )
         quickest = max(quickest, world.flow.spin_scale, world.curvatures[-1] * world.fastest)
         steps = max(world.clock.intervals) * quickest / RADIANS

@@ -19,7 +19,8 @@ Array = Any
 class Greedy:
     """Highest curvature at the largest of the N_T records, lowest at the smallest, else unchanged.
 
-    Where all records are equal the highest is taken (paper: greedy strategy).
+    Where all records are equal the highest is taken (paper: greedy strategy). In space it is the other way
+    round where the `response_sign` of the world says so.
     """
 
     deterministic = True
@@ -30,7 +31,7 @@ class Greedy:
         concentrations = state.memory[..., 0]  # normalised, which keeps their order
         newest = concentrations[..., 0]
         kept = world.last_action(state)
-        low, high = world.ends(kept)
+        low, high = world.ends(kept)[:: world.response_sign]
         at_smallest = newest <= xp.min(concentrations, axis=-1)
         at_largest = newest >= xp.max(concentrations, axis=-1)
         return xp.where(at_largest, high, xp.where(at_smallest, low, kept))

@@ -86,6 +86,7 @@ def test_the_arguments_are_those_that_were_promised():
         "units": None,
         "action": "discrete",
         "curvature_range": None,
+        "torsions": None,
     }
     for make in (sperm_swarm_v0.parallel_env, sperm_swarm_v0.env, sperm_swarm_v0.raw_env):
         parameters = inspect.signature(make).parameters

@@ -165,7 +165,10 @@ def test_a_plain_function_may_bring_its_spin():
         (lambda: PoiseuilleFlow(walls=(3.0, 1.0)), r"walls must rise, got \(3\.0, 1\.0\)"),
         (lambda: PoiseuilleFlow(walls=(2.0, 2.0)), r"walls must rise, got \(2\.0, 2\.0\)"),
         (lambda: UniformFlow((0.0, 0.0)), r"current must not be zero, got \(0\.0, 0\.0\)"),
-        (lambda: UniformFlow(0.1), r"current must be two finite numbers \(x, y\), got 0\.1"),
+        (
+            lambda: UniformFlow(0.1),
+            r"current must be two finite numbers \(x, y\), or three in space, got 0\.1",
+        ),
         (lambda: Vortex(clockwise="no"), "clockwise must be True or False, got 'no'"),
         (lambda: FunctionFlow(TaylorGreen, 0.1, 0.1), "function must be a function of positions"),
     ],

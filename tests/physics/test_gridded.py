@@ -383,7 +383,9 @@ def test_a_flow_needs_two_variables_of_velocity():
         ValueError, match=r"variable must be one of spin, u_x, u_y, got 'v_y'; did you mean 'u_y'"
     ):
         GriddedFlow(data, edges="periodic", velocity=("u_x", "v_y"))
-    with pytest.raises(ValueError, match="velocity must be the names of two variables, got 'u_x'"):
+    with pytest.raises(
+        ValueError, match="velocity must be the names of two variables, or three in space, got 'u_x'"
+    ):
         GriddedFlow(data, edges="periodic", velocity="u_x")
     with pytest.raises(TypeError, match="data must be a Dataset with u_x, u_y, got a DataArray"):
         GriddedFlow(data["u_x"], edges="periodic")

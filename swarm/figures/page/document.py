@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 ASSETS = "assets"
-SCRIPTS = ("three.min.js", "lives.js", "shaders.js", "stage.js", "overlay.js", "app.js")
+SCRIPTS: tuple[str, ...] = ("three.min.js", "lives.js", "shaders.js", "stage.js", "overlay.js", "plane.js")
+SCRIPTS += ("space.js", "volume.js", "app.js")
 LIVES = 24  # shorter ones for which "the limit so far" is computed
 
 
@@ -42,7 +43,8 @@ def page(
     results tell. Cells of `teams` have their colours. Raises ValueError for results without time series.
 
     In a browser, `#t=12` opens the page at a time, `theme=light`, `view=whole`, `cell=3`, `beside=1` and
-    `play=1` choose what else it opens with: `page.html#t=12&view=whole`.
+    `play=1` choose what else it opens with: `page.html#t=12&view=whole`; in space `turn=30` from which side
+    it is seen [degrees].
     """
     if "position" not in results:
         raise ValueError(
@@ -57,13 +59,14 @@ def page(
         "cells": [shown, results.sizes["cell"]],
         "unit": next(iter(units), ""),
         "curvatures": world.curvatures,
+        "torsions": world.torsions,
         "speeds": world.action_speeds,
         "policies": policies_of(results, shown),
         "teams": teams and _teams(teams, shown),
         "needed": world.first_arrivals,
         "delay": world.block_delay,
         "limit": _limit(results, world),
-        "egg": world.egg and {"x": world.egg[0][0], "y": world.egg[0][1], "radius": world.egg[1]},
+        "egg": world.egg and {**dict(zip("xyz", world.egg[0], strict=False)), "radius": world.egg[1]},
         "background": background(results, world, shown),
     }
     # "<" is written out so that no text can end the script it stands in
@@ -89,13 +92,14 @@ def _teams(teams: Teams, shown: int) -> dict[str, Any]:
 
 
 def _limit(results: xr.Dataset, world: World) -> dict[str, Any] | None:
-    """The limit of lives that end earlier, up to that of the results; in a flow, where each takes minutes, of
-    theirs alone."""
+    """The limit of lives that end earlier, up to that of the results; in a flow and in space, where each
+    takes long, of theirs alone.
+    """
     end = results.attrs.get("limit")
     if end is None:
         return None
     life = float(results.attrs["life"])
-    if world.in_flow:
+    if world.in_flow or world.dimensions == 3:
         return {"times": [life], "values": [round(float(end), 4)]}
     starts = Starts(*(results[name].values for name in ("start_position", "start_heading", "past")))
     times = np.linspace(0, life, LIVES + 1).tolist()

@@ -14,13 +14,15 @@ if TYPE_CHECKING:
 
 MOST = 18e6  # characters of all series together, of the 20 MB of data that a page may hold
 SERIES = ("time", "heading", "curvature", "concentration", "eaten")
+QUATERNION = ("q_w", "q_x", "q_y", "q_z")  # of the heading in space
 CURVE = 240  # times of a curve of mean gains
 LEVELS = 65534  # to which numbers are rounded; 0 is written for what is missing
 
 
 def fitting(results: xr.Dataset) -> int:
     """How many cells fit on a page, at least one."""
-    numbers = (2 + sum(name in results for name in SERIES)) * results.sizes["decision"]
+    held = [results[name] for name in ("position", *SERIES) if name in results]
+    numbers = sum(each.isel(policy=0, cell=0).size for each in held)
     return max(1, min(results.sizes["cell"], int(MOST / (numbers * results.sizes["policy"] * 2 * 4 / 3))))
 
 
@@ -38,7 +40,9 @@ def policies_of(results: xr.Dataset, shown: int) -> list[dict[str, Any]]:
 def _policy(one: xr.Dataset, shown: int) -> dict[str, Any]:
     first = one.isel(cell=slice(shown))
     series = {key: first[key].values for key in SERIES if key in first}
-    series |= {axis: first["position"].sel(axis=axis).values for axis in ("x", "y")}
+    series |= {str(axis): first["position"].sel(axis=axis).values for axis in first["axis"].values}
+    if "z" in series:
+        series |= dict(zip(QUATERNION, np.moveaxis(series.pop("heading"), -1, 0), strict=True))
     if np.all(series["time"] == series["time"][:1]):  # all decide at the same moments, to the end
         series["time"] = series["time"][:1]
     race = {}

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.colors import Colormap, LinearSegmentedColormap, to_hex
 
 from swarm.figures.page.lives import quantised
-from swarm.figures.scene import PLUM, SEA, concentration_at, speed_at
+from swarm.figures.scene import PLUM, SEA, concentration_at, speed_at, velocity_at
 from swarm.physics.crowd.medium import MediumState
 from swarm.physics.world import World
 from swarm.population.frames import coarse
@@ -25,6 +25,8 @@ UNSTEADY, MOMENTS, EACH = (
     160,
     0.5,
 )  # of what changes by itself: pixels, at most so many times, so far apart
+MOST_IN_SPACE = 0.99  # of all values to which colours run, of which the highest lie within the egg
+IN_SPACE, UNSTEADY_IN_SPACE, MOMENTS_IN_SPACE, ARROWS_IN_SPACE = 40, 20, 40, 7  # the same in space
 ARROWS = 24  # places along the longer side at which the flow's direction is kept
 MARGIN = 0.2  # around all paths, of their longer side
 SHORE = LinearSegmentedColormap.from_list("shore", ["#f7fafc", "#dcebf3", "#b9d8e6", "#8fc1d2", "#66a6b8"])
@@ -37,15 +39,12 @@ Film = tuple[np.ndarray, np.ndarray]  # times (frames,), values (frames, rows, c
 
 def background(results: xr.Dataset, world: World, shown: int) -> dict[str, Any]:
     """Layers of water around all paths, the first to be shown first, and the flow where there is one."""
-    position = results["position"].isel(cell=slice(shown)).values
-    low, high = np.nanmin(position, axis=(0, 1, 2)), np.nanmax(position, axis=(0, 1, 2))
-    longest = float((high - low).max())
-    square, margin = (0.6, MARGIN) if "medium" in results else (1.0, 2 * MARGIN)
-    wide = np.maximum(high - low, square * longest) + 2 * (margin * longest + 1.0)
-    low, high = (low + high - wide) / 2, (low + high + wide) / 2
-    end = float(np.nanmax(results["time"].values))
-    times = np.zeros(1) if world.is_steady else np.linspace(0, end, min(MOMENTS, 1 + math.ceil(end / EACH)))
-    places = _grid(low, high, CHANGING if "medium" in results else PIXELS if world.is_steady else UNSTEADY)
+    low, high = _room(results, shown)
+    end, in_space = float(np.nanmax(results["time"].values)), world.dimensions == 3
+    moments = min(MOMENTS_IN_SPACE if in_space else MOMENTS, 1 + math.ceil(end / EACH))
+    times = np.zeros(1) if world.is_steady else np.linspace(0, end, moments)
+    pixels = (IN_SPACE if in_space else PIXELS, UNSTEADY_IN_SPACE if in_space else UNSTEADY)
+    places = _grid(low, high, CHANGING if "medium" in results else pixels[not world.is_steady])
     if "medium" in results:
         films = [_medium(results.sel(policy=name), world, places) for name in results["policy"].values]
     else:
@@ -53,20 +52,39 @@ def background(results: xr.Dataset, world: World, shown: int) -> dict[str, Any]:
     layers = [_layer("concentration", films, SEA, SHORE)]
     flow = None
     if world.in_flow:
-        speeds = times, np.stack([np.abs(speed_at(world, float(time), places)) for time in times])
+        speeds = times, np.stack([_speed(world, float(time), places) for time in times])
         fast = _layer("flow speed", [speeds], PLUM, HEATHER)
         layers = [*layers, fast] if "medium" in results else [fast, *layers]
-        sparse = _grid(low, high, ARROWS)
-        found = np.stack([speed_at(world, float(time), sparse) for time in times])
-        flow = {"times": times.tolist(), "size": sparse.shape[1::-1]}
-        flow |= {"x": quantised(found.real), "y": quantised(found.imag)}
+        sparse = _grid(low, high, ARROWS_IN_SPACE if in_space else ARROWS)
+        found = np.stack([velocity_at(world, float(time), sparse) for time in times])
+        flow = {"times": times.tolist(), "size": sparse.shape[-2::-1]}
+        flow |= {axis: quantised(found[..., i]) for i, axis in enumerate("xyz"[: len(low)])}
     return {"low": low.tolist(), "high": high.tolist(), "layers": layers, "flow": flow}
 
 
+def _room(results: xr.Dataset, shown: int) -> tuple[np.ndarray, np.ndarray]:
+    """Low and high corner (axes,) of what is around all paths."""
+    position = results["position"].isel(cell=slice(shown)).values
+    low, high = np.nanmin(position, axis=(0, 1, 2)), np.nanmax(position, axis=(0, 1, 2))
+    longest = float((high - low).max())
+    square, margin = (0.6, MARGIN) if "medium" in results else (1.0, 2 * MARGIN)
+    if len(low) == 3:
+        square, margin = 0.25, 0.1
+    wide = np.maximum(high - low, square * longest) + 2 * (margin * longest + 1.0)
+    return (low + high - wide) / 2, (low + high + wide) / 2
+
+
+def _speed(world: World, time: float, places: np.ndarray) -> np.ndarray:
+    if places.shape[-1] == 2:
+        return np.abs(speed_at(world, time, places))
+    return np.linalg.norm(velocity_at(world, time, places), axis=-1)
+
+
 def _grid(low: np.ndarray, high: np.ndarray, longer: int) -> np.ndarray:
-    """Places (rows, columns, 2) from corner to corner."""
+    """Places (rows, columns, 2), or in space (layers, rows, columns, 3), from corner to corner."""
     size = np.maximum(2, np.round(longer * (high - low) / (high - low).max()).astype(int))
-    return np.stack(np.meshgrid(*(np.linspace(low[i], high[i], size[i]) for i in (0, 1))), axis=-1)
+    sides = [np.linspace(*ends) for ends in zip(low, high, size, strict=True)]
+    return np.stack(np.meshgrid(*sides[::-1], indexing="ij")[::-1], axis=-1)
 
 
 def _layer(what: str, films: list[Film], dark: Colormap, light: Colormap) -> dict[str, Any]:
@@ -74,7 +92,7 @@ def _layer(what: str, films: list[Film], dark: Colormap, light: Colormap) -> dic
     return {
         "what": what,
         "least": 0.0 if what == "flow speed" else float(np.nanmin(every)),
-        "most": float(np.nanmax(every)),
+        "most": float(np.nanquantile(every, MOST_IN_SPACE) if films[0][1].ndim > 3 else np.nanmax(every)),
         "ramps": [[to_hex(ramp(i / 4)) for i in range(5)] for ramp in (light, dark)],
         "films": [
             {"times": np.round(times, 4).tolist(), "size": values.shape[:0:-1], "values": quantised(values)}

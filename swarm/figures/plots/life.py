@@ -10,6 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from swarm.figures import style
+from swarm.figures.plots.space import framed, mark, panel
+from swarm.figures.scene import Helices
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.collocation import swim
 from swarm.physics.world import World
@@ -23,23 +25,33 @@ POINTS = 12  # into which an interval's path is cut
 
 
 def path_of(results: xr.Dataset, world: World, policy: str, cell: int, *, points: int = POINTS) -> np.ndarray:
-    """The path (places, 2) of one life as it was swum: every interval's arc, cut into `points` pieces."""
+    """The path (places, axes) of one life as it was swum: every interval's arc or helix, cut into `points`
+    pieces. In space, what a flow adds to a helix is spread evenly over it.
+    """
     life = results.sel(policy=policy).isel(cell=cell)
     alive = np.isfinite(life["time"].values)
     time, angle, curvature, position = (
         life[name].values[alive].astype(float) for name in ("time", "heading", "curvature", "position")
     )
     moved = np.flatnonzero(np.diff(time) > 0)
-    share = np.linspace(0, 1, points + 1)
+    share, wait = np.linspace(0, 1, points + 1), np.diff(time)[moved]
+    bend, end = curvature[moved + 1], position[moved + 1]
+    speed = np.interp(bend, world.curvatures, world.action_speeds)
+    if world.torsions is not None:
+        start, torsion = (
+            Pose(position[moved], angle[moved]),
+            np.interp(bend, world.curvatures, world.torsions),
+        )
+        places = Helices(start, end, bend, torsion, speed, wait, wait > 0).places(share)
+        return np.concatenate([places[:, :-1].reshape(-1, 3), end[-1:]])
     heading = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     shape = (len(moved), points + 1, 2)
     pose = Pose(*(np.broadcast_to(each[moved, None], shape) for each in (position, heading)))
-    kappa = np.repeat(curvature[moved + 1, None], points + 1, axis=1)
-    speed = np.interp(kappa, world.curvatures, world.action_speeds)
-    places = swim(pose, kappa, speed, np.diff(time)[moved, None] * share, world.flow).position
+    kappa, speed = (np.repeat(each[:, None], points + 1, axis=1) for each in (bend, speed))
+    places = swim(pose, kappa, speed, wait[:, None] * share, world.flow).position
     # Where noise bent the path, the arc ends beside the next place: the difference is spread over it.
-    places = places + share[:, None] * (position[moved + 1] - places[:, -1])[:, None]
-    return np.concatenate([places[:, :-1].reshape(-1, 2), position[moved[-1:] + 1]])
+    places = places + share[:, None] * (end - places[:, -1])[:, None]
+    return np.concatenate([places[:, :-1].reshape(-1, 2), end[-1:]])
 
 
 @style.styled
@@ -54,7 +66,7 @@ def comparison(
 ) -> Figure:
     """One cell under each policy: (a) its curvature during a `window` of time, (b) its path, (c) its gain.
 
-    `policies` are by default all; `enlarged` shows the path of the window once more, larger.
+    `policies` are by default all; `enlarged` shows the path of the window once more, larger, in the plane.
     """
     chosen = style.chosen_policies(results, policies)
     figure = style.canvas(1.0, 0.52)
@@ -66,7 +78,7 @@ def comparison(
         least, most = world.curvature_bounds
         axes.set_ylim(top=most + (0.3 + 0.08 * len(chosen)) * (most - least))
     lanes[-1].set_xlabel("time $t$")
-    path, gain = figure.add_subplot(columns[1]), figure.add_subplot(columns[2])
+    path, gain = panel(figure, columns[1], world), figure.add_subplot(columns[2])
     _paths_panel(path, results, world, looks, cell, window if enlarged else None)
     _gain_panel(gain, results, looks, cell)
     style.lettered([lanes[0], path, gain])
@@ -114,6 +126,10 @@ def _paths_panel(
     paths = {name: path_of(results, world, name, cell) for name in looks}
     for name in reversed(list(looks)):
         axes.plot(*paths[name].T, color=looks[name].colour, linewidth=0.6)
+    if world.dimensions == 3:
+        framed(axes, world)
+        mark(axes, paths[next(iter(looks))][0])
+        return
     style.mark_start(axes, results, cell)
     axes.set(xlabel="$x$", ylabel="$y$")
     shown = {}

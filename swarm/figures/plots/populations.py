@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from swarm.figures import style
 from swarm.figures.plots.life import path_of
+from swarm.figures.plots.space import framed, mark, panel, panels
 from swarm.physics.fields import LinearField
 from swarm.physics.world import World
 from swarm.population.statistics import statistics
@@ -29,10 +30,10 @@ def centrelines(
     They lie over the concentration, or in a flow over its speed, with one panel per policy.
     """
     chosen = style.chosen_policies(results, policies)
-    if world.in_flow:
+    if world.in_flow and world.dimensions == 2:
         return _flow_panels(results, world, chosen, cells)
     figure = style.canvas(0.5, 0.55 if world.egg is None else 0.47)
-    _centrelines_panel(figure.add_subplot(), results, world, chosen, cells)
+    _centrelines_panel(panel(figure, 111, world), results, world, chosen, cells)
     return figure
 
 
@@ -45,7 +46,8 @@ def centrelines_and_gains(
     """
     chosen = style.chosen_policies(results, policies)
     figure = style.canvas(1.0, 0.5)
-    left, right = figure.subplots(1, 2, width_ratios=(1.1, 1.2))
+    places = figure.add_gridspec(1, 2, width_ratios=(1.1, 1.2))
+    left, right = panel(figure, places[0], world), figure.add_subplot(places[1])
     _centrelines_panel(left, results, world, chosen, cells)
     _gains_panel(right, results, chosen)
     style.lettered([left, right])
@@ -78,10 +80,10 @@ def _centrelines_panel(
     looks = style.looks(policies)
     for name in reversed(policies):
         _draw_centrelines(axes, results, name, looks[name], cells)
-    style.around_egg(axes, world)
-    style.frame(axes, square=world.egg is not None, narrowest=0.8)
-    axes.set(xlabel="$x$", ylabel="$y$")
-    if isinstance(world.field, LinearField):
+    framed(axes, world, square=world.egg is not None, narrowest=0.8)
+    if world.dimensions == 3:
+        pass  # the axes say where concentration grows
+    elif isinstance(world.field, LinearField):
         arrow = {"arrowstyle": "-|>", "color": style.INK, "linewidth": 1.0, "shrinkB": 0}
         middle: dict[str, Any] = {"ha": "center", "va": "top", "xycoords": "axes fraction"}
         axes.annotate(r"$\nabla c$", (0.08, 0.99), (0.08, 0.83), arrowprops=arrow, **middle)
@@ -178,16 +180,15 @@ def radial(
     look = style.look(name)
     colour = look.colour
     figure = style.canvas(1.0, 0.43)
-    left, right = figure.subplots(1, 2)
+    left, right = panels(figure, world, 2)
     left.plot(*path_of(results, world, name, cell).T, color=colour, linewidth=0.6)
     left.plot(*_centreline(results, name, cell).T, color=style.INK, linewidth=1.2)
-    style.mark_start(left, results, cell)
+    mark(left, results["start_position"].isel(cell=cell).values)
     _draw_centrelines(right, results, name, look, cells, width=1.1)
     for axes in (left, right):
-        style.around_egg(axes, world)
-        style.frame(axes, square=True)
-        axes.set(xlabel="$x$", ylabel="$y$")
-    style.shade_concentration([left, right], world)
+        framed(axes, world, square=True)
+    if world.dimensions == 2:
+        style.shade_concentration([left, right], world)
     left.legend(left.lines[:2], ["path", "centreline"], loc="best")
     style.lettered([left, right])
     return figure

@@ -11,6 +11,8 @@ from swarm.figures.scene.easel import SIZE
 
 TRAIL = 28  # decisions that a trail reaches back
 
+Groups = list[tuple[str, np.ndarray]]  # colours, and which cells (cells,) are of each
+
 
 class Camera(NamedTuple):
     """The square of the world that is in view."""
@@ -29,12 +31,34 @@ class Camera(NamedTuple):
         away = (places - complex(self.x, self.y)) * self.scale
         return np.stack([away.real, -away.imag], axis=-1) + (SIZE - 1) / 2
 
+    # What the view of space has to compute, `Orbit`, is plain here.
+
+    def flat(self, places: np.ndarray) -> np.ndarray:
+        """Complex places (...) of the picture."""
+        return places
+
+    def angle(self, places: np.ndarray, heading: np.ndarray) -> np.ndarray:
+        """In which directions (...) of the picture cells head [rad]."""
+        return heading
+
+    def nearness(self, places: np.ndarray) -> float:
+        """How much larger than at the centre things are seen."""
+        return 1.0
+
+    def order(self, places: np.ndarray, below: np.ndarray) -> np.ndarray:
+        """The cells (cells,) as they are drawn, first those that are to lie `below`."""
+        return np.argsort(~below, kind="stable")
+
+    def layers(self, groups: Groups, places: np.ndarray) -> Groups:
+        """Groups of cells, each of one colour, as they are drawn."""
+        return groups
+
 
 class Glance(NamedTuple):
     """What of a state is to be seen."""
 
-    position: np.ndarray  # (cells,) complex [length]
-    angle: np.ndarray  # (cells,) heading [rad]
+    position: np.ndarray  # (cells,) complex, in space (cells, 3) [length]
+    heading: np.ndarray  # (cells,) [rad], in space unit vectors (cells, 3)
     curvature: np.ndarray  # (cells,) of the interval that ended [1 / length]
     time: np.ndarray  # (cells,)
     gain: np.ndarray  # (cells,)
@@ -42,6 +66,7 @@ class Glance(NamedTuple):
     won: np.ndarray | None = None  # (cells,) bool: has arrived in time; None where nobody races
     closed: bool = False  # whether the egg lets nobody in any more
     medium: Any = None  # its `MediumState`
+    orientation: Any = None  # (cells, 4) quaternions; None in the plane
 
 
 class Teams(NamedTuple):
@@ -69,9 +94,13 @@ class Segment(NamedTuple):
         ratio = np.where(small[:, None], share, np.expm1(1j * turn * share) / np.expm1(1j * turn))
         return np.where(self.seen[:, None], self.start[:, None] + self.chord[:, None] * ratio, np.nan)
 
+    def heading(self, share: float, end: np.ndarray) -> np.ndarray:
+        """Where cells head (cells,) at a share of the interval, at whose end they head to `end` [rad]."""
+        return end - np.where(self.seen, (1 - share) * self.turn, 0.0)
 
-def places_behind(trail: Sequence[Segment], share: float, back: np.ndarray) -> np.ndarray:
-    """Complex places (cells, k) where cells were `back` (k,) decisions ago, rising from 0."""
+
+def places_behind(trail: Sequence[Any], share: float, back: np.ndarray) -> np.ndarray:
+    """Places (cells, k), in space (cells, k, 3), where cells were `back` (k,) decisions ago, rising."""
     age = np.ceil(back - share).astype(int).clip(0)  # segments that have been swum since
     return np.hstack(
         [segment.places(share + i - back[age == i]) for i, segment in enumerate(reversed(trail))]

@@ -11,6 +11,8 @@ from matplotlib.patches import Polygon
 
 from swarm.figures.scene.easel import DARK, FAINT, LEFT, RIGHT, Easel, signed
 from swarm.figures.scene.glance import TRAIL, Camera, Glance, Segment, Teams, places_behind
+from swarm.figures.scene.orbit import Helices, Orbit
+from swarm.figures.scene.volume import Volume
 from swarm.figures.scene.water import Water
 from swarm.figures.style import in_style, on_dark, plain, team_colours
 from swarm.physics.world import World
@@ -19,6 +21,8 @@ CURVE = (190, 290)  # rows of the curve of gains
 TEAM = 24  # of the name of a team [pixels]
 TAIL = 1.1  # decisions that a flagellum reaches back
 WAVE, BEAT, BEND = 0.8, 0.8, 0.04  # of a flagellum: decisions a wave, waves a decision, height [length]
+Sight = Camera | Orbit
+Path = Segment | Helices
 SHADOW, GOLD, HEAD, RESTING = "#05080f", "#ffcc6b", "#ffffff", "#99a8bd"
 
 
@@ -36,7 +40,7 @@ class Scene:
         lower = TEAM * len(self.tints) + 34 if self.tints else 0
         with in_style(DARK):
             self.easel = Easel()
-            self.water = Water(world, self.easel, lower)
+            self.water = (Water if world.dimensions == 2 else Volume)(world, self.easel, lower)
             shown = "flow speed" if self.water.shows_flow else "concentration"
             labels = [(52, "time"), (130, "mean gain"), (340, "swimming"), (416 + lower, shown)]
             for row, label in labels:
@@ -62,9 +66,9 @@ class Scene:
 
     def picture(
         self,
-        camera: Camera,
+        camera: Sight,
         glance: Glance,
-        trail: Sequence[Segment],
+        trail: Sequence[Path],
         curve: np.ndarray,
         *,
         share: float = 1.0,
@@ -73,7 +77,7 @@ class Scene:
 
         `curve` (decisions, 4) holds time and the mean, least and largest gain.
         """
-        seen = camera, glance.closed, float(glance.time.max()) if self.water.changes else None
+        seen: Any = camera, glance.closed, float(glance.time.max()) if self.water.changes else None
         with in_style(DARK):
             if seen != self.seen:
                 self.easel.restore(self.paper)
@@ -85,30 +89,33 @@ class Scene:
         return self.easel.image()
 
     def _draw_swimmers(
-        self, camera: Camera, glance: Glance, trail: Sequence[Segment], clock: float, share: float
+        self, camera: Sight, glance: Glance, trail: Sequence[Path], clock: float, share: float
     ) -> None:
         """Fading trails, flagella that beat, and heads; `clock` counts decisions."""
-        place, angle = glance.position, glance.angle
+        place, heading = glance.position, glance.heading
         if trail:
             oldest = len(trail) - 1 + share
-            lines = camera.pixels(places_behind(trail, share, np.linspace(0, oldest, 8 * len(trail) + 1)))
-            age = np.linspace(0, oldest, 2 * len(trail))
+            swum = places_behind(trail, share, np.linspace(0, oldest, 8 * len(trail) + 1))
+            lines, age = camera.pixels(camera.flat(swum)), np.linspace(0, oldest, 2 * len(trail))
             fading = (1 - age / TRAIL) ** 1.5 * np.clip(0.25 + age / TAIL, 0, 1)  # less under the flagellum
-            for colour, cells in self._by_team() or [(GOLD, np.ones(len(place), bool))]:
+            if isinstance(camera, Orbit):
+                self.easel.fade(camera.pixels(camera.flat(camera.below(swum))), HEAD, 0.16 * fading, 1.2)
+            for colour, cells in camera.layers(self._by_team() or [(GOLD, np.ones(len(place), bool))], place):
                 self.easel.fade(lines[cells], colour, 0.16 * fading, 6.0)
                 self.easel.fade(lines[cells], colour, 0.85 * fading, 1.6)
             back = np.linspace(0, min(TAIL, oldest), 25)
-            tail = places_behind(trail, share, back)
+            tail = camera.flat(places_behind(trail, share, back))
             phase = back / WAVE - BEAT * clock + 0.38 * np.arange(len(tail))[:, None]  # each its own
             bent = BEND * np.minimum(1, back / 0.5) * np.sin(2 * np.pi * phase)
             along = np.exp(1j * np.angle(np.gradient(tail, axis=1)))
             self.easel.fade(camera.pixels(tail + 1j * along * bent), HEAD, np.linspace(1, 0.2, 12), 1.8)
             latest = trail[-1]
-            place = np.where(latest.seen, latest.places(np.array([share]))[:, 0], place)
-            angle = angle - np.where(latest.seen, (1 - share) * latest.turn, 0.0)
-        self._draw_heads(camera, glance, place, angle)
+            seen = latest.seen.reshape(-1, *(1,) * (place.ndim - 1))
+            place = np.where(seen, latest.places(np.array([share]))[:, 0], place)
+            heading = latest.heading(share, heading)
+        self._draw_heads(camera, glance, place, camera.angle(place, heading))
 
-    def _draw_heads(self, camera: Camera, glance: Glance, place: np.ndarray, angle: np.ndarray) -> None:
+    def _draw_heads(self, camera: Sight, glance: Glance, place: np.ndarray, angle: np.ndarray) -> None:
         """Heads, those at rest below; who has won sits at the egg, and bright."""
         resting, heads = glance.finished, np.full(len(place), HEAD, dtype=object)
         if glance.won is not None and self.world.egg is not None:
@@ -121,10 +128,11 @@ class Scene:
             heads[glance.won] = GOLD
         for tint, cells in self._by_team():
             heads[cells] = tint
-        first = np.argsort(~resting, kind="stable")
+        first = camera.order(place, resting)
         length = np.full(len(first), 2 * min(max(0.11 * camera.scale, 4.0), 7.0))
+        length = length * camera.nearness(place[first])
         colours = np.where(resting, RESTING, heads)[first].tolist()
-        places, tilt = camera.pixels(place[first]), np.degrees(angle[first])
+        places, tilt = camera.pixels(camera.flat(place[first])), np.degrees(angle[first])
         rim = {"facecolors": colours, "edgecolors": SHADOW, "linewidths": 1.2}
         self.easel.ellipses(places, length, 0.62 * length, tilt, **rim)
 

@@ -36,7 +36,7 @@ def concentration_at(
     held: MediumState | None = None,
     medium: Medium | None = None,
 ) -> np.ndarray:
-    """Concentration (...) that cells sense at places (..., 2) at a time, NaN where none is known.
+    """Concentration (...) that cells sense at places (..., axes) at a time, NaN where none is known.
 
     `held` is what the medium of one world holds, on the grid of `medium`, by default the world's.
     """
@@ -49,16 +49,38 @@ def concentration_at(
         return np.where(medium.inside(at, held.origin), medium.sense(held, at, field), np.nan)
 
     places = np.asarray(places, float)
-    return in_domain(world, sensed, places.reshape(-1, 2)).reshape(places.shape[:-1])
+    return in_domain(world, sensed, places.reshape(-1, places.shape[-1])).reshape(places.shape[:-1])
+
+
+def velocity_at(world: World, time: float, places: np.ndarray) -> np.ndarray:
+    """The flow (..., axes) at places (..., axes) [length / time], 0 where none is known."""
+
+    def velocity(at: np.ndarray) -> np.ndarray:
+        return np.asarray(frozen(world.flow, time).velocity(at), float)
+
+    found = in_domain(world, velocity, places)
+    return np.nan_to_num(found) if found.shape == places.shape else np.zeros(places.shape)
 
 
 def speed_at(world: World, time: float, places: np.ndarray) -> np.ndarray:
-    """The flow (...) at places (..., 2), complex [length / time], 0 where none is known."""
+    """The flow (...) at places (..., 2) of the plane, complex [length / time], 0 where none is known."""
+    return velocity_at(world, time, places) @ [1, 1j]
 
-    def velocity(at: np.ndarray) -> np.ndarray:
-        return np.asarray(frozen(world.flow, time).velocity(at), float) @ [1, 1j]
 
-    return np.nan_to_num(in_domain(world, velocity, places))
+def levels_of(
+    values: np.ndarray, ticks: np.ndarray, low: float, high: float, least: float = 0.0
+) -> list[tuple[np.ndarray, float]]:
+    """Lines (k, 2) of equal values (rows, columns), by `ticks` along both axes, with their opacities.
+
+    Between the lowest and the highest value, which may be those of more than this, `least` apart at least.
+    """
+    if not high > low:
+        return []
+    step = nice_step(max(high - low, least) / 8)
+    levels = np.arange(math.ceil(low / step), math.floor(high / step) + 1)
+    lines: Any = contour_generator(ticks, ticks, np.ma.masked_invalid(values)).multi_lines(levels * step)
+    strong = [0.25 if level % 5 == 0 else 0.1 for level in levels]
+    return [(line, each) for found, each in zip(lines, strong, strict=True) for line in found]
 
 
 class Water:
@@ -72,14 +94,16 @@ class Water:
         self.colours = PLUM if self.shows_flow else SEA
         self.span = (np.inf, -np.inf)  # values over which the colours run
 
-    def draw(self, camera: Camera, glance: Glance) -> None:
+    def draw(self, camera: Any, glance: Glance) -> None:
         """Everything that stands still while cells swim."""
         time, easel = float(glance.time.max()), self.easel
         self._draw_water(camera, time, glance.medium)
         if self.world.in_flow:
             self._draw_streaks(camera, time)
         if self.world.egg is not None:
-            self._draw_egg(camera, *self.world.egg, glance.closed)
+            place, radius = self.world.egg
+            spot = camera.pixels(np.array(complex(*place)))
+            self._draw_egg(spot, 2 * radius * camera.scale, glance.closed)
         length = nice_step(camera.width / 5)
         wide = length * camera.scale
         easel.draw(Rectangle((15.5, SIZE - 50.5), wide + 16, 34, color=PAPER, alpha=0.55, linewidth=0))
@@ -114,17 +138,9 @@ class Water:
 
     def _draw_levels(self, concentration: np.ndarray) -> None:
         low, high = float(np.nanmin(concentration)), float(np.nanmax(concentration))
-        if not high > low:
-            return
-        step = nice_step(max(high - low, SHALLOW * high if self.world.medium else 0.0) / 8)
-        levels = np.arange(math.ceil(low / step), math.floor(high / step) + 1)
         ticks = np.interp(np.arange(GRID), (0, 1, GRID - 2, GRID - 1), (-1, 5.5, SIZE - 6.5, SIZE))
-        found: Any = contour_generator(ticks, ticks, np.ma.masked_invalid(concentration)).multi_lines(
-            levels * step
-        )
-        strong = [0.25 if level % 5 == 0 else 0.1 for level in levels]
-        drawn = [(line, each) for lines, each in zip(found, strong, strict=True) for line in lines]
-        self.easel.lines([line for line, _ in drawn], "#ffffff", [each for _, each in drawn], 1.0)
+        found = levels_of(concentration, ticks, low, high, SHALLOW * high if self.world.medium else 0.0)
+        self.easel.lines([line for line, _ in found], "#ffffff", [each for _, each in found], 1.0)
 
     def _draw_streaks(self, camera: Camera, time: float) -> None:
         """Streaks that brighten in the direction of the flow, the longer the faster it is."""
@@ -138,19 +154,19 @@ class Water:
         lines = (grid @ [1, 1j])[:, None] + streak * np.linspace(-0.5, 0.5, 9)
         self.easel.fade(camera.pixels(lines), INK, np.linspace(0, 0.6, 8), 1.5)
 
-    def _draw_egg(self, camera: Camera, place: tuple[float, float], radius: float, closed: bool) -> None:
-        """The egg, a halo around it and its yolk, each of the two many faint discs; a closed one has raised
-        its envelope.
+    def _draw_egg(self, spot: np.ndarray, wide: float, closed: bool) -> None:
+        """The egg, so many pixels wide, a halo around it and its yolk, each of the two many faint discs; a
+        closed one has raised its envelope.
         """
         halo, yolk = np.linspace(1.7, 1.0, 15), np.linspace(0.75, 0.1, 12)
-        across = 2 * radius * camera.scale * np.concatenate([halo, [1.0], yolk])
+        across = wide * np.concatenate([halo, [1.0], yolk])
         colours = [(EGG, 0.016)] * len(halo) + [(EGG, 0.85)] + [(YOLK, 0.06)] * len(yolk)
-        centre = camera.pixels(np.full(len(across), complex(*place)))
+        centre = np.tile(spot, (len(across), 1))
         still = np.zeros(len(across))
         self.easel.ellipses(centre, across, across, still, facecolors=colours, linewidths=0)
         if closed:
-            wide, rim = np.full(1, across[len(halo)] * 1.25 + 6), {"facecolors": "none", "linewidths": 3.0}
-            self.easel.ellipses(centre[:1], wide, wide, still[:1], edgecolors=CLOSED, **rim)
+            shell, rim = np.full(1, across[len(halo)] * 1.25 + 6), {"facecolors": "none", "linewidths": 3.0}
+            self.easel.ellipses(centre[:1], shell, shell, still[:1], edgecolors=CLOSED, **rim)
 
     def _draw_bar(self) -> None:
         (top, bottom), (low, high) = (self.top, BAR[1]), self.span

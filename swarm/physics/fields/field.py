@@ -11,6 +11,7 @@ holds in the plane only has `coordinates` = 2, one that holds in space only 3.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -33,6 +34,16 @@ class Field(Protocol):
     def concentration(self, position: Array) -> Array:
         """Concentration (...) at `position` (..., 2), in space (..., 3)."""
         ...
+
+
+def distance_squared(position: Array, centre: Sequence[float]) -> Array:
+    """Square (...) of the distance of positions from a place; one of two numbers lies on z = 0 in space."""
+    x, y = position[..., 0] - centre[0], position[..., 1] - centre[1]
+    square = x * x + y * y
+    if position.shape[-1] == 2:
+        return square
+    z = position[..., 2] - (0.0 if len(centre) == 2 else centre[2])
+    return square + z * z
 
 
 def warn_of_scale(given: float, typical: float, where: str) -> None:

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from swarm._support.arrays import Array
-from swarm._support.checks import check_number, check_pair
+from swarm._support.checks import check_number, check_point
 from swarm.physics.fields.field import FIELDS, warn_of_scale
 from swarm.physics.grids.axes import SPACING_TOLERANCE
 from swarm.physics.grids.grid import Reading, read_grid
 from swarm.physics.grids.interpolant import NEGLIGIBLE, Interpolant
 from swarm.physics.grids.units import check_units
+from swarm.physics.motion.arc import components
 
 
 @FIELDS.register("gridded", data="path")
 class GriddedField(Interpolant):
-    """A concentration field interpolated from values on a regular grid with coordinates x and y: an xarray
-    Dataset or DataArray, a NetCDF-4 file, or bare arrays by name (values over (x, y), or (time, x, y)).
+    """A concentration field interpolated from values on a regular grid with coordinates x and y, in space z:
+    an xarray Dataset or DataArray, a NetCDF-4 file, or bare arrays by name (values over (x, y[, z]), or
+    (time, x, y[, z])).
 
-    `edges`, of both axes or each (`("periodic", "clamped")`, or by name), says what lies beyond the grid:
+    `edges`, of all axes or each (`("periodic", "clamped")`, or by name), says what lies beyond the grid:
     "periodic", it repeats, after `period` [length] where that is stated (here, or as the attribute `period`
     or `modulo` of a coordinate), else one spacing after its last point; "clamped", it ends there, and a cell
     that leaves is truncated. `interpolation` is "cubic" (smooth, fourth order) or "linear" (second). Points
@@ -48,18 +52,20 @@ class GriddedField(Interpolant):
         outside_time: str | None = None,
         variable: str | None = None,
         gradient_scale: float | None = None,
-        egg_position: tuple[float, float] = (0.0, 0.0),
+        egg_position: tuple[float, ...] = (0.0, 0.0),
         egg_radius: float | None = None,
         sha256: str | None = None,
         shape: Sequence[int] | None = None,
     ) -> None:
         names = None if variable is None else [variable]
-        reading = Reading(edges, interpolation, period, spacing_tolerance, fill, outside_time).checked()
+        reading = Reading(edges, interpolation, period, spacing_tolerance, fill, outside_time)
+        reading.checked()  # before anything is read
         grid = read_grid(data, names, reading, sha256)
-        super().__init__(grid, reading, shape)
+        super().__init__(grid, shape)
         self.length_unit = check_units(grid.units)
-        _, slope_x, slope_y = self.spline.at_points()
-        measured = float(np.sqrt(np.mean((slope_x**2 + slope_y**2)[..., grid.known])))
+        _, *slopes = self.spline.at_points()
+        squares = [slope**2 for slope in slopes]
+        measured = float(np.sqrt(np.mean(functools.reduce(operator.add, squares)[..., grid.known])))
         has_gradient = measured > NEGLIGIBLE * np.abs(grid.values).max() / min(grid.lattice.spacing)
         if gradient_scale is None:
             if not has_gradient:
@@ -68,14 +74,14 @@ class GriddedField(Interpolant):
         self.gradient_scale = check_number("gradient_scale", gradient_scale, above=0.0)
         if has_gradient:
             warn_of_scale(self.gradient_scale, measured, "over the grid")
-        _, slopes = self.spline.bounds()
-        self.max_gradient = float(np.hypot(*slopes[0]))
+        _, bounds = self.spline.bounds()
+        self.max_gradient = float(functools.reduce(np.hypot, bounds[0]))
         if grid.times is not None:
             self.max_rate = float(self.spline.rates(grid.times)[0])
-        self.egg_position = check_pair("egg_position", egg_position)
+        self.egg_position = check_point("egg_position", egg_position)
         self.egg_radius = None if egg_radius is None else check_number("egg_radius", egg_radius, above=0.0)
         self._numbers = {"variable": grid.names[0], "gradient_scale": self.gradient_scale}
         self._numbers |= {"egg_position": self.egg_position, "egg_radius": self.egg_radius}
 
     def concentration(self, position: Array) -> Array:
-        return self.spline(*self._places(position))[0]
+        return self.spline(*self._places(*components(position)))[0]

@@ -1,18 +1,14 @@
-"""Fields that are highest at an egg: radial, a Gaussian patch, the cloud of a source.
-
-In space an egg whose position is two numbers lies on z = 0.
-"""
+"""Fields that are highest at an egg: radial, a Gaussian patch, the cloud of a source."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 
 from swarm._support.arrays import Array, namespace
 from swarm._support.checks import Checked, check_number, check_point, optional, parameter
-from swarm.physics.fields.field import FIELDS
+from swarm.physics.fields.field import FIELDS, distance_squared
 
 
 @FIELDS.register("radial")
@@ -29,7 +25,7 @@ class RadialField(Checked):
     max_gradient = property(attrgetter("gradient_scale"))  # c_k itself
 
     def concentration(self, position: Array) -> Array:
-        return self.offset - self.gradient_scale * _distance_squared(position, (0.0, 0.0)) ** 0.5
+        return self.offset - self.gradient_scale * distance_squared(position, (0.0, 0.0)) ** 0.5
 
 
 @FIELDS.register("gaussian_plume")
@@ -57,7 +53,7 @@ class GaussianPlume(Checked):
 
     def concentration(self, position: Array) -> Array:
         xp = namespace(position)
-        exponent = _distance_squared(position, self.egg_position) * (-0.5 / self.width**2)
+        exponent = distance_squared(position, self.egg_position) * (-0.5 / self.width**2)
         return self.offset + self.amplitude * xp.exp(exponent)
 
 
@@ -91,14 +87,5 @@ class DiffusingSource(Checked):
         return 2 * self.strength / (3 * math.sqrt(3) * self.core**2)
 
     def concentration(self, position: Array) -> Array:
-        softened = _distance_squared(position, self.egg_position) + self.core**2
+        softened = distance_squared(position, self.egg_position) + self.core**2
         return self.offset + self.strength * softened**-0.5
-
-
-def _distance_squared(position: Array, centre: Sequence[float]) -> Array:
-    x, y = position[..., 0] - centre[0], position[..., 1] - centre[1]
-    square = x * x + y * y
-    if position.shape[-1] == 2:
-        return square
-    z = position[..., 2] - (0.0 if len(centre) == 2 else centre[2])
-    return square + z * z

@@ -1,6 +1,7 @@
 """Sources in still water: what they release spreads by diffusion, from the moment on that they release it.
 
-All lie on the plane z = 0 of the cells, in a film (2 dimensions) or in bulk fluid (3).
+In a world in the plane all lie on the plane z = 0 of the cells, in a film (2 dimensions) or in bulk fluid
+(3). In space are eggs in bulk fluid.
 """
 
 from __future__ import annotations
@@ -9,8 +10,16 @@ import math
 from dataclasses import dataclass
 
 from swarm._support.arrays import Array, moment, namespace
-from swarm._support.checks import Checked, check_count, check_number, check_pair, optional, parameter
-from swarm.physics.fields.field import FIELDS, FrozenField
+from swarm._support.checks import (
+    Checked,
+    check_count,
+    check_number,
+    check_pair,
+    check_point,
+    optional,
+    parameter,
+)
+from swarm.physics.fields.field import FIELDS, FrozenField, distance_squared
 from swarm.physics.fields.special import erfc, exponential_integral, scaled_erfc
 
 # Where a Gaussian's steady cloud is steepest: the largest (1 − e^{−x²})/x and (erf x − 2x e^{−x²}/√π)/x².
@@ -68,9 +77,13 @@ class Egg(Source):
     # how long ago it released at t = 0, or began to [time]
     age: float = parameter(10.0, check_number, above=0.0)
     dimensions: int = parameter(2, check_dimensions)  # d
-    egg_position: tuple[float, float] = parameter((0.0, 0.0), check_pair)  # r₀ [length]
+    egg_position: tuple[float, ...] = parameter((0.0, 0.0), check_point)  # r₀ [length]
     # a path that comes this close to r₀ has arrived; None: nothing ends there
     egg_radius: float | None = parameter(0.5, optional(check_number), above=0.0)
+
+    def _coordinates(self) -> int | None:
+        """In a film 2; in bulk fluid cells may swim in space too."""
+        return 2 if self.dimensions == 2 else None
 
     def _from_egg(self, position: Array) -> tuple[Array, Array]:
         return position[..., 0] - self.egg_position[0], position[..., 1] - self.egg_position[1]
@@ -142,11 +155,11 @@ class ReleasedSource(Egg):
         return peak * self.dimensions * self.diffusivity / variance
 
     _typical_gradient = Egg._steepest_of_cloud
+    coordinates = property(Egg._coordinates)
 
     def concentration(self, position: Array, time: Array = 0.0) -> Array:
-        x, y = self._from_egg(position)
         spread = 4 * self.diffusivity * (moment(time, position) + self.age)
-        cloud = namespace(position).exp(-(x * x + y * y) / spread)
+        cloud = namespace(position).exp(-distance_squared(position, self.egg_position) / spread)
         return self.offset + self.strength * (math.pi * spread) ** (-0.5 * self.dimensions) * cloud
 
 
@@ -175,12 +188,13 @@ class ReleasingSource(CoredEgg):
         return self.strength * gaussian_peak(2 * self.diffusivity * self.age, self.dimensions)
 
     _typical_gradient = Egg._steady_gradient
+    coordinates = property(Egg._coordinates)
 
     def concentration(self, position: Array, time: Array = 0.0) -> Array:
         xp = namespace(position)
-        x, y = self._from_egg(position)
         spread = 4 * self.diffusivity * (moment(time, position) + self.age)
-        square = xp.clip(x * x + y * y, self._shortest(self.core, position) ** 2, None)
+        square = distance_squared(position, self.egg_position)
+        square = xp.clip(square, self._shortest(self.core, position) ** 2, None)
         core = 2 * self.core**2
         scale = self.strength / (4 * math.pi * self.diffusivity)
         if self.dimensions == 2:

@@ -9,6 +9,11 @@ observation space), `max_shear` (a bound of the velocity's derivatives, where th
 (u_x, u_y and ω₀ of all places at one go, for speed). One that changes has `at(time)`, which returns it
 frozen at a time, and may have `max_frequency`, a bound [rad / time] of how fast the velocity at a
 place turns, for the integration; scales and bounds never change.
+
+In space a flow has `vorticity(position)` (..., 3) in place of `spin`, and positions and velocities of three
+numbers; its spin scale is of half the vorticity, and `velocity_and_vorticity(x, y, z)` gives the six
+components at one go. `max_wavenumber` [rad / length] says how fast it varies with place where that is faster
+than its spin over its speed. One that holds in space only has `coordinates` = 3.
 """
 
 from __future__ import annotations

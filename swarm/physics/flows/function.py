@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass
 
-from swarm._support.arrays import Array, namespace
-from swarm._support.checks import Checked, check_box, check_function, check_number, optional, parameter
+import numpy as np
+
+from swarm._support.arrays import Array, as_array, namespace
+from swarm._support.checks import Box, Checked, check_box, check_function, check_number, optional, parameter
 
 
 @dataclass(frozen=True)
 class FunctionFlow(Checked):
-    """A flow from plain functions of the position (..., 2) of any array library.
+    """A flow from plain functions of the position (..., 2) of any array library, in space (..., 3).
 
-    Without `spin` it is found from the velocity by central differences, which is right to about 1e-11 of its
-    scale in float64 (1e-5 in float32) where the velocity is smooth. The scales cannot be guessed, so they
+    Without a function for it the spin, in space the vorticity, is found from the velocity by central
+    differences, which is right to about 1e-11 of its scale in float64 (1e-5 in float32) where the velocity is
+    smooth. The scales cannot be guessed, so they
     must be given: about the largest speed and spin, for they also set how finely paths are integrated.
     """
 
@@ -29,8 +32,11 @@ class FunctionFlow(Checked):
     period: float | None = parameter(None, optional(check_number), above=0.0)
     # position (..., 2) -> bool (...); a cell that leaves is truncated
     inside: Callable[[Array], Array] | None = parameter(None, optional(check_function))
-    # default start box ((x, x), (y, y)) [length]
-    box: tuple[tuple[float, float], tuple[float, float]] | None = parameter(None, optional(check_box))
+    # default start box ((x, x), (y, y)), in space of three sides [length]
+    box: Box | None = parameter(None, optional(check_box))
+    vorticity_function: Callable[[Array], Array] | None = parameter(
+        None, optional(check_function)
+    )  # (..., 3)
 
     def velocity(self, position: Array) -> Array:
         return self.function(position)
@@ -40,18 +46,27 @@ class FunctionFlow(Checked):
         differences."""
         if self.spin_function is not None:
             return self.spin_function(position)
+        return 0.5 * self._curl(position, 0, 1)
+
+    def vorticity(self, position: Array) -> Array:
+        """ω (..., 3), in space: as given, else by central differences."""
+        if self.vorticity_function is not None:
+            return self.vorticity_function(position)
+        pairs = ((1, 2), (2, 0), (0, 1))
+        return namespace(position).stack([self._curl(position, *pair) for pair in pairs], axis=-1)
+
+    def _curl(self, position: Array, first: int, second: int) -> Array:
+        """∂₁u₂ − ∂₂u₁ (...) of two coordinates."""
         xp = namespace(position)
         # The step balances the fourth-order formula's error against rounding.
         length = min(self.speed_scale / self.spin_scale, 1.0)
         step = float(xp.finfo(position.dtype).eps) ** 0.2 * length
-        x, y = position[..., 0], position[..., 1]
 
-        def difference(component: int, along_x: float, along_y: float) -> Array:
-            place = xp.stack([x + along_x * step, y + along_y * step], axis=-1)
-            back = xp.stack([x - along_x * step, y - along_y * step], axis=-1)
-            return self.function(place)[..., component] - self.function(back)[..., component]
+        def difference(component: int, along: int, steps: int) -> Array:
+            offset = as_array(steps * step * np.eye(position.shape[-1])[along], position)
+            there, back = (self.function(position + way * offset) for way in (1, -1))
+            return there[..., component] - back[..., component]
 
-        vorticity = (
-            8 * (difference(1, 1, 0) - difference(0, 0, 1)) - difference(1, 2, 0) + difference(0, 0, 2)
-        ) / (12 * step)
-        return 0.5 * vorticity
+        near = difference(second, first, 1) - difference(first, second, 1)
+        far = difference(second, first, 2) - difference(first, second, 2)
+        return (8 * near - far) / (12 * step)

@@ -7,19 +7,20 @@ from dataclasses import dataclass
 from operator import attrgetter
 
 from swarm._support.arrays import Array, namespace
-from swarm._support.checks import Checked, check_number, check_pair, parameter
+from swarm._support.checks import Checked, check_number, check_pair, check_point, parameter
 from swarm.physics.flows.flow import FLOWS
 
 
 @FLOWS.register("uniform")
 @dataclass(frozen=True)
 class UniformFlow(Checked):
-    """A current u = (u_x, u_y), the same everywhere. Nothing spins in it: ω₀ = 0.
+    """A current u = (u_x, u_y), in space with a third number or u_z = 0, the same everywhere. Nothing spins
+    in it: ω₀ = 0.
 
     The spin scale is 1 rad per time, because a spin that is zero everywhere is so in any unit.
     """
 
-    current: tuple[float, float] = parameter((0.1, 0.0), check_pair)  # (u_x, u_y) [length / time]
+    current: tuple[float, ...] = parameter((0.1, 0.0), check_point)  # (u_x, u_y[, u_z]) [length / time]
 
     spin_scale = 1.0
     max_spin = 0.0
@@ -35,19 +36,31 @@ class UniformFlow(Checked):
         """|u|."""
         return math.hypot(*self.current)
 
+    @property
+    def coordinates(self) -> int | None:
+        """3 where the current says so."""
+        return 3 if len(self.current) == 3 else None
+
     def velocity(self, position: Array) -> Array:
         xp = namespace(position)
         along = xp.ones_like(position[..., 0])
-        return xp.stack([self.current[0] * along, self.current[1] * along], axis=-1)
+        parts = (*self.current, 0.0)[: position.shape[-1]]
+        return xp.stack([part * along for part in parts], axis=-1)
 
     def spin(self, position: Array) -> Array:
         return 0.0 * position[..., 0]
+
+    def vorticity(self, position: Array) -> Array:
+        """(..., 3), in space."""
+        return 0.0 * position
 
 
 @FLOWS.register("shear")
 @dataclass(frozen=True)
 class ShearFlow(Checked):
     """Simple shear u = (u₀ y/h, 0), ω₀ = −u₀/2h: at rest on the line y = 0, speed u₀ at the height h.
+
+    In space it is u = (u₀ z/h, 0, 0), whose vorticity is (0, u₀/h, 0).
 
     Its speed has no bound, so neither has the observation of it.
     """
@@ -64,12 +77,18 @@ class ShearFlow(Checked):
 
     def velocity(self, position: Array) -> Array:
         xp = namespace(position)
-        along = (self.speed_scale / self.height) * position[..., 1]
-        return xp.stack([along, xp.zeros_like(along)], axis=-1)
+        along = (self.speed_scale / self.height) * position[..., -1]
+        return xp.stack([along, *(xp.zeros_like(along) for _ in range(position.shape[-1] - 1))], axis=-1)
 
     def spin(self, position: Array) -> Array:
         xp = namespace(position)
         return xp.full_like(position[..., 0], -self.spin_scale)
+
+    def vorticity(self, position: Array) -> Array:
+        """(..., 3), in space."""
+        xp = namespace(position)
+        across = xp.full_like(position[..., 0], 2 * self.spin_scale)
+        return xp.stack([xp.zeros_like(across), across, xp.zeros_like(across)], axis=-1)
 
 
 @FLOWS.register("poiseuille")

@@ -8,23 +8,32 @@ from typing import Any
 import numpy as np
 
 from swarm._support.checks import check_number
-from swarm.physics.grids.units import AXES
+from swarm.physics.grids.units import AXES, SPACE
 
 SPACING_TOLERANCE = 0.01  # of the spacing, by which points may be off: coordinates are stored rounded
 
 
-def per_axis(name: str, value: Any, check: Callable[[str, Any], Any]) -> tuple[Any, ...]:
-    """What is given for x and y, checked: for both, in their order, or by name."""
+def axes_of(*values: Any) -> tuple[str, ...]:
+    """x and y, and z where one of the values is given for it."""
+    sizes = [len(value) for value in values if isinstance(value, Sequence) and not isinstance(value, str)]
+    names = any(isinstance(value, Mapping) and "z" in value for value in values)
+    return SPACE if names or len(SPACE) in sizes else AXES
+
+
+def per_axis(
+    name: str, value: Any, check: Callable[[str, Any], Any], axes: Sequence[str] = AXES
+) -> tuple[Any, ...]:
+    """What is given for each axis, checked: for all, in their order, or by name."""
     if isinstance(value, Mapping):
-        unknown = [key for key in value if key not in AXES]
+        unknown = [key for key in value if key not in axes]
         if unknown:
-            raise ValueError(f"{name} must be given for {' and '.join(AXES)}, got {unknown[0]!r}")
-        value = [value.get(axis) for axis in AXES]
+            raise ValueError(f"{name} must be given for {' and '.join(axes)}, got {unknown[0]!r}")
+        value = [value.get(axis) for axis in axes]
     if isinstance(value, str) or not isinstance(value, Sequence):
-        return (check(name, value),) * len(AXES)
-    if len(value) != len(AXES):
-        raise ValueError(f"{name} must be given once, or for {' and '.join(AXES)}, got {value!r}")
-    return tuple(check(f"{name} along {axis}", each) for axis, each in zip(AXES, value, strict=True))
+        return (check(name, value),) * len(axes)
+    if len(value) != len(axes):
+        raise ValueError(f"{name} must be given once, or for {' and '.join(axes)}, got {value!r}")
+    return tuple(check(f"{name} along {axis}", each) for axis, each in zip(axes, value, strict=True))
 
 
 def check_numbers(name: str, numbers: Any) -> None:

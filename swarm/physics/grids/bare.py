@@ -9,11 +9,11 @@ import numpy as np
 
 from swarm.physics.grids import axes
 from swarm.physics.grids.netcdf import COORDINATES
-from swarm.physics.grids.units import AXES, TIME
+from swarm.physics.grids.units import AXES, SPACE, TIME
 
 
 def labelled(data: Mapping[Any, Any]) -> Any:
-    """Bare arrays by name, the coordinates x, y (and time) among them, as a Dataset: they must be in
+    """Bare arrays by name, the coordinates x, y (z and time) among them, as a Dataset: they must be in
     order."""
     import xarray as xr
 
@@ -21,18 +21,22 @@ def labelled(data: Mapping[Any, Any]) -> Any:
     sizes = {}
     for axis in COORDINATES:
         if axis not in arrays:
-            if axis == TIME:
+            if axis not in AXES:
                 continue
             raise ValueError(f"data must have the coordinate {axis}, got {sorted(arrays)}")
+        if axis == "z" and arrays[axis].ndim == len(AXES):  # a quantity
+            continue
         axes.check_numbers(axis, arrays[axis])
         if arrays[axis].ndim != 1:
             raise ValueError(f"{axis} must have one dimension, got {arrays[axis].shape}")
         axes.check_points(axis, arrays[axis], 1, "")
         axes.check_strict(axis, arrays[axis])
         sizes[axis] = len(arrays[axis])
-    over: dict[tuple[int, ...], tuple[str, ...]] = {(sizes["x"], sizes["y"]): AXES}
-    if TIME in sizes:
-        over[sizes[TIME], sizes["x"], sizes["y"]] = (TIME, *AXES)
+    places = tuple(axis for axis in SPACE if axis in sizes)
+    over = {
+        tuple(sizes[axis] for axis in names): names
+        for names in (places, (TIME, *places)[TIME not in sizes :])
+    }
     for name in arrays.keys() - sizes.keys():
         if arrays[name].shape not in over:
             shapes = " or ".join(map(str, over))

@@ -17,7 +17,7 @@ from swarm.physics.grids.hdf5 import as_text
 from swarm.physics.grids.holes import FILLS, filled, whole_cells
 from swarm.physics.grids.netcdf import COORDINATES, MAX_VALUES, checksum, open_netcdf
 from swarm.physics.grids.spline import MIN_POINTS, Lattice
-from swarm.physics.grids.units import AXES, TIME
+from swarm.physics.grids.units import AXES, SPACE, TIME
 
 EDGES = ("periodic", "clamped")
 OUTSIDE = ("error", "held")
@@ -33,14 +33,19 @@ class Reading(NamedTuple):
     fill: str | None = None
     outside_time: str | None = None
 
-    def checked(self) -> Reading:
-        """With edges and period for each axis; raises ValueError or TypeError for what is not known."""
-        edges = axes.per_axis("edges", self.edges, lambda name, value: check_name(name, value, EDGES))
+    def checked(self, along: Sequence[str] | None = None) -> Reading:
+        """With edges and period for each axis that data lie along, by default as many as these are given for;
+        raises ValueError or TypeError for what is not known.
+        """
+        along = axes.axes_of(self.edges, self.period) if along is None else along
+        edges = axes.per_axis("edges", self.edges, lambda name, value: check_name(name, value, EDGES), along)
         check_name("interpolation", self.interpolation, MIN_POINTS)
         number = optional(check_number)
-        period = axes.per_axis("period", self.period, lambda name, value: number(name, value, above=0.0))
+        period = axes.per_axis(
+            "period", self.period, lambda name, value: number(name, value, above=0.0), along
+        )
         once = self.period is None or isinstance(self.period, (int, float))
-        for axis, edge, length in zip(AXES, edges, period, strict=True):
+        for axis, edge, length in zip(along, edges, period, strict=True):
             if length is not None and edge != "periodic" and (not once or "periodic" not in edges):
                 raise ValueError(f"period along {axis} must be None, whose edges are {edge}, got {length:g}")
         tolerance = check_number("spacing_tolerance", self.spacing_tolerance, at_least=0.0)
@@ -62,18 +67,19 @@ class Grid(NamedTuple):
     """Quantities on a lattice, as they were read and checked."""
 
     names: tuple[str, ...]  # of the quantities
-    values: np.ndarray  # (quantities, times, nx, ny) float64
+    values: np.ndarray  # (quantities, times, nx, ny) float64, in space (…, nz)
     lattice: Lattice
     times: np.ndarray | None  # (times,) rising; None for what does not change
-    known: np.ndarray  # (nx, ny) bool: where the values are the data's, at all times
+    known: np.ndarray  # (nx, ny[, nz]) bool: where the values are the data's, at all times
     whole: np.ndarray | None  # bool, which grid cells make up the domain; None for all
     units: dict[str, str]  # of coordinates and quantities, where they are stated
     path: str | None  # of the file; None for data in memory
     sha256: str  # of the file; of data in memory that of their numbers
+    reading: Reading  # how they were read, for each axis
 
     @property
     def shape(self) -> list[int]:
-        """Points in time, where it has some, along x and along y."""
+        """Points in time, where it has some, and along each axis."""
         return [*(() if self.times is None else (len(self.times),)), *self.lattice.shape]
 
 
@@ -92,9 +98,14 @@ def read_grid(data: Any, names: Sequence[str] | None, reading: Reading, sha256: 
     for name, array in arrays.items():
         _check_array(name, array)
     arrays = {name: _ordered(array) for name, array in arrays.items()}
+    along = {tuple(axis for axis in SPACE if axis in array.dims) for array in arrays.values()}
+    if len(along) > 1:
+        raise ValueError(f"{', '.join(arrays)} must have the same dimensions, got {sorted(along)}")
+    reading = reading.checked(*along)
     times = _times(arrays, reading)
     first = next(iter(arrays.values()))
-    values = np.stack([_over_time(array, 1 if times is None else len(times)) for array in arrays.values()])
+    moments = 1 if times is None else len(times)
+    values = np.stack([_over_time(array, moments) for array in arrays.values()])
     lattice, values = _lattice(arrays, values, reading)
     known = np.isfinite(values)
     if not known.all():
@@ -109,9 +120,12 @@ def read_grid(data: Any, names: Sequence[str] | None, reading: Reading, sha256: 
     if sha256 not in (None, number):
         raise ValueError(f"data must have the SHA-256 {sha256}, got {number}")
     labelled = {name: first[name] for name in first.coords if name in COORDINATES} | arrays
+    labelled = {
+        name: array for name, array in labelled.items() if name != "z" or name in (*first.dims, *arrays)
+    }
     units = {str(name): as_text(array.attrs.get("units")) for name, array in labelled.items()}
     stated = {name: text for name, text in units.items() if text.strip()}
-    return Grid(tuple(arrays), values, lattice, times, everywhere, whole, stated, path, number)
+    return Grid(tuple(arrays), values, lattice, times, everywhere, whole, stated, path, number, reading)
 
 
 def _digest(values: np.ndarray, known: np.ndarray, lattice: Lattice, times: np.ndarray | None) -> str:
@@ -147,9 +161,9 @@ def _arrays(data: Any, names: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _check_array(name: str, array: Any) -> None:
-    if set(array.dims) - {TIME} != set(AXES):
+    if set(array.dims) - {TIME} not in (set(AXES), set(SPACE)):
         raise ValueError(
-            f"{name} must have the dimensions x and y, time if need be, and no others, "
+            f"{name} must have the dimensions x and y, z and time if need be, and no others, "
             f"got {tuple(map(str, array.dims))}"
         )
     if array.size > MAX_VALUES:
@@ -164,10 +178,10 @@ def _check_array(name: str, array: Any) -> None:
 
 
 def _ordered(array: Any) -> Any:
-    """With rising coordinates, over time (where it has more than one), x and y."""
+    """With rising coordinates, over time (where it has more than one), x, y and z."""
     if array.sizes.get(TIME) == 1:
         array = array.isel({TIME: 0}, drop=True)
-    order = [axis for axis in (TIME, *AXES) if axis in array.dims]
+    order = [axis for axis in (TIME, *SPACE) if axis in array.dims]
     return array.transpose(*order).sortby(order)
 
 
@@ -186,24 +200,26 @@ def _times(arrays: Mapping[str, Any], reading: Reading) -> np.ndarray | None:
 
 
 def _over_time(array: Any, count: int) -> np.ndarray:
-    """Values (times, nx, ny), of what does not change again and again."""
+    """Values (times, nx, ny[, nz]), of what does not change again and again."""
     values = np.asarray(array.values, np.float64)
-    return np.broadcast_to(values, (count, *values.shape[-len(AXES) :]))
+    places = sum(axis in array.dims for axis in SPACE)
+    return np.broadcast_to(values, (count, *values.shape[-places:]))
 
 
 def _lattice(arrays: Mapping[str, Any], values: np.ndarray, reading: Reading) -> tuple[Lattice, np.ndarray]:
     """Where the points are, and the values without lines that a stated period repeats."""
     first, fewest = next(iter(arrays.values())), MIN_POINTS[reading.interpolation]
     finest = np.array([_precision(*pair) for pair in zip(arrays.values(), values, strict=True)])
-    purpose, leading = f" for {reading.interpolation} interpolation", values.ndim - len(AXES)
+    purpose, leading = f" for {reading.interpolation} interpolation", 2
+    unit = finest.reshape(-1, *(1,) * (values.ndim - 1))
     origin: list[Any] = []
     spacings: list[Any] = []
-    for i, axis in enumerate(AXES):
+    for i, axis in enumerate(axis for axis in SPACE if axis in first.dims):
         points = np.asarray(first[axis].values, np.float64)
         axes.check_points(axis, points, fewest, purpose)
         start, spacing = axes.regular(axis, points, reading.spacing_tolerance)
         if reading.edges[i] == "periodic":
-            numbers = np.where(np.isfinite(values), values, 0.0) / finest[:, None, None, None]
+            numbers = np.where(np.isfinite(values), values, 0.0) / unit
             lines = np.moveaxis(numbers, leading + i, 0)
             period = axes.stated_period(first[axis], reading.period[i])
             if period is None:
@@ -215,9 +231,7 @@ def _lattice(arrays: Mapping[str, Any], values: np.ndarray, reading: Reading) ->
         origin.append(start)
         spacings.append(spacing)
     periodic = tuple(edge == "periodic" for edge in reading.edges)
-    return Lattice(
-        (origin[0], origin[1]), (spacings[0], spacings[1]), values.shape[leading:], periodic
-    ), values
+    return Lattice(tuple(origin), tuple(spacings), values.shape[leading:], periodic), values
 
 
 def _precision(array: Any, values: np.ndarray) -> float:
@@ -236,10 +250,12 @@ def _precision(array: Any, values: np.ndarray) -> float:
 
 def _raise_hole(names: list[str], values: np.ndarray, known: np.ndarray, lattice: Lattice) -> None:
     bad = np.argwhere(~known)
-    quantity, time, i, j = bad[0]
-    x, y = np.asarray(lattice.origin) + np.asarray(lattice.spacing) * (i, j)
+    quantity, _, *index = bad[0]
+    places = np.asarray(lattice.origin) + np.asarray(lattice.spacing) * index
+    along = SPACE[: len(index)]
+    at = ", ".join(f"{axis} = {place:g}" for axis, place in zip(along, places, strict=True))
     raise ValueError(
-        f"{names[quantity]} must be finite everywhere, got {values[quantity, time, i, j]} at x = {x:g}, "
-        f"y = {y:g} (index {i}, {j} from the lowest x and y; {len(bad)} in all); "
+        f"{names[quantity]} must be finite everywhere, got {values[tuple(bad[0])]} at {at} "
+        f"(index {', '.join(map(str, index))} from the lowest {' and '.join(along)}; {len(bad)} in all); "
         f"fill, one of {', '.join(FILLS)}, says what such holes are"
     )

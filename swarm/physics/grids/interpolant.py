@@ -11,26 +11,27 @@ import numpy as np
 
 from swarm._support.arrays import Array, as_array, look_up, namespace
 from swarm._support.compiler import compiling
-from swarm.physics.grids.grid import Grid, Reading
+from swarm.physics.grids.grid import Grid
 from swarm.physics.grids.spline import Moment, Placed, Spline
+from swarm.physics.motion.arc import components
 
 NEGLIGIBLE = 1e-9  # of the largest value, per spacing: below it a slope is rounding
 
 
 class Interpolant:
-    """The quantities of a grid and `further` ones (times, nx, ny), interpolated.
+    """The quantities of a grid and `further` ones (times, nx, ny[, nz]), interpolated.
 
     Where the data have a time axis, `at(time)` is a view at that time, or those times; the interpolant itself
     is one at time 0.
     """
 
-    def __init__(
-        self, grid: Grid, reading: Reading, shape: Sequence[int] | None, *further: np.ndarray
-    ) -> None:
+    def __init__(self, grid: Grid, shape: Sequence[int] | None, *further: np.ndarray) -> None:
+        reading = grid.reading
         if shape is not None and list(shape) != grid.shape:
             raise ValueError(f"shape must be that of the grid, {grid.shape}, got {shape!r}")
         self.spline = Spline(np.stack([*grid.values, *further]), grid.lattice, reading.interpolation)
         self.box = grid.lattice.box  # the domain, where starts are drawn by default
+        self.coordinates = len(self.box)
         self._domain = None if grid.whole is None else Placed(grid.whole.ravel())
         # A grid that repeats is known everywhere; of another one cells can leave.
         endless = all(grid.lattice.periodic) and self._domain is None
@@ -46,14 +47,14 @@ class Interpolant:
         self._numbers: dict[str, Any] = {}  # parameters that are not the grid's
 
     def _inside(self, position: Array) -> Array:
-        """Whether `position` (..., 2) lies in the domain, bool (...)."""
-        places, found = (position[..., 0], position[..., 1]), None
+        """Whether `position` (..., coordinates) lies in the domain, bool (...)."""
+        places, found = components(position), None
         for place, (low, high), again in zip(places, self.box, self.spline.lattice.periodic, strict=True):
             if not again:
                 within = (place >= low) & (place <= high)
                 found = within if found is None else found & within
         if self._domain is not None:
-            whole = look_up(self._domain.like(position)[0], self.spline.cell(*places))
+            whole = look_up(self._domain.like(position)[0], self.spline.cell(places))
             found = whole if found is None else found & whole
         return found
 
@@ -90,23 +91,21 @@ class Interpolant:
             f"got {latest if earliest >= first else earliest:g}; outside_time='held' goes on with the nearest"
         )
 
-    def _places(self, position: Array) -> tuple[Array, Array, Moment | None]:
-        """x and y (...), and the moment, of positions (..., 2)."""
-        return self._moment(position[..., 0], position[..., 1])
-
-    def _moment(self, x: Array, y: Array) -> tuple[Array, Array, Moment | None]:
+    def _places(self, *places: Array) -> tuple[tuple[Array, ...], Moment | None]:
+        """Coordinates (...), and the moment that goes with them."""
         if self._moments is None or self._times is None:
-            return x, y, None
+            return places, None
         last, time = len(self._times) - 2, self._time
         if isinstance(time, float):
             if self._outside_time == "error":
                 self._check_time(time)
             number = min(max(int(np.searchsorted(self._times, time, side="right")) - 1, 0), last)
             begin, end = self._times[number : number + 2].tolist()
-            return x, y, (number, min(max((time - begin) / (end - begin), 0.0), 1.0))
-        xp = namespace(x)
-        time = xp.astype(as_array(time, x) if isinstance(time, np.ndarray) else time, x.dtype)
-        times = self._moments.like(x)[0]
+            return places, (number, min(max((time - begin) / (end - begin), 0.0), 1.0))
+        like = places[0]
+        xp = namespace(like)
+        time = xp.astype(as_array(time, like) if isinstance(time, np.ndarray) else time, like.dtype)
+        times = self._moments.like(like)[0]
         flat = (
             xp.searchsorted(times, xp.reshape(time, (-1,)) * 1, side="right") - 1
         )  # torch wants it in one piece
@@ -116,8 +115,8 @@ class Interpolant:
         held = xp.clip(share, 0.0, 1.0)
         if self._outside_time == "error":  # which has been refused where it is known
             held = xp.where((share >= 0) & (share <= 1), held, xp.nan)
-        x, y, number, held = xp.broadcast_arrays(x, y, number, held)
-        return x, y, (number, held)
+        *places, number, held = xp.broadcast_arrays(*places, number, held)
+        return tuple(places), (number, held)
 
     # --- records --------------------------------------------------------------------------------------------
 

@@ -14,9 +14,9 @@ import numpy as np
 from swarm._support import files
 from swarm._support.checks import check_name
 from swarm.physics.grids import hdf5
-from swarm.physics.grids.units import AXES, TIME
+from swarm.physics.grids.units import AXES, SPACE, TIME
 
-COORDINATES = (*AXES, TIME)
+COORDINATES = (*SPACE, TIME)
 # what is needed to unpack a variable, its units, and after what length a coordinate repeats
 PACKING = ("scale_factor", "add_offset", "_FillValue", "missing_value", "_Unsigned", "dtype")
 ATTRIBUTES = (*PACKING, "units", "period", "modulo")
@@ -80,11 +80,13 @@ def _read(path: str | os.PathLike, names: Sequence[str] | None) -> Any:
     with hdf5.opened(path) as file:
         stored = file.variables()
         if names is None:
-            grids = (len(AXES), len(AXES) + 1)
+            grids = range(
+                len(AXES), len(COORDINATES) + 1 if _is_coordinate("z", stored) else len(COORDINATES)
+            )
             names = [name for name, item in stored.items() if len(item.shape or ()) in grids]
-            names = [name for name in names if name not in COORDINATES]
+            names = [name for name in names if not _is_coordinate(name, stored)]
         for name in names:
-            check_name("variable", name, [known for known in stored if known not in COORDINATES])
+            check_name("variable", name, [known for known in stored if not _is_coordinate(known, stored)])
         _check([*names, *(axis for axis in AXES if axis in stored)], stored)
         over = {axis for name in names for axis in _dimensions(name, stored[name])}
         axes = [axis for axis in COORDINATES if axis in over & stored.keys()]
@@ -92,14 +94,19 @@ def _read(path: str | os.PathLike, names: Sequence[str] | None) -> Any:
         _check(axes, stored)
         wanted = {name: stored[name] for name in (*names, *axes)}
         variables = {name: _decoded(name, item, file.numbers(item)) for name, item in wanted.items()}
-    coordinates = {axis: variables.pop(axis) for axis in COORDINATES if axis in variables}
+    coordinates = {axis: variables.pop(axis) for axis in axes}
     return xr.Dataset(variables, coordinates)
+
+
+def _is_coordinate(name: str, stored: Mapping[str, Any]) -> bool:
+    """Whether a name is that of a coordinate; z may also be a quantity over x and y."""
+    return name in COORDINATES and name in stored and (name != "z" or len(stored[name].shape or ()) == 1)
 
 
 def _check(names: Sequence[str], stored: Mapping[str, Any]) -> None:
     """Raises where a variable is not what it should be, before any of it is read."""
     for name in names:
-        hdf5.check_stored(name, stored[name], MAX_POINTS if name in COORDINATES else MAX_VALUES)
+        hdf5.check_stored(name, stored[name], MAX_POINTS if _is_coordinate(name, stored) else MAX_VALUES)
         if stored[name].dtype.kind not in "fiu" or stored[name].dtype.itemsize > 16:
             raise ValueError(f"{name} must hold real numbers, got {stored[name].dtype}")
 
@@ -130,7 +137,7 @@ def _decoded(name: str, item: Any, numbers: np.ndarray) -> Any:
 
 
 def _dimensions(name: str, item: Any) -> tuple[str, ...]:
-    if name in COORDINATES:
+    if name in COORDINATES and (name != "z" or len(item.shape or ()) == 1):
         if len(item.shape or ()) != 1:
             raise ValueError(f"{name} must have one dimension, got {item.shape}")
         return (name,)

@@ -7,7 +7,8 @@ by SciPy.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,22 +25,21 @@ _BLOCK = 64  # lines of cells
 class Lattice:
     """Where the grid points are, and what lies beyond them."""
 
-    origin: tuple[float, float]  # the first point [length]
-    spacing: tuple[float, float]  # [length]
-    shape: tuple[int, int]  # points along x and y
-    periodic: tuple[bool, bool]  # along x and y: it repeats, one spacing after its last point; else it ends
+    origin: tuple[float, ...]  # the first point [length]
+    spacing: tuple[float, ...]  # [length]
+    shape: tuple[int, ...]  # points along x and y, in space z
+    periodic: tuple[bool, ...]  # along each: it repeats, one spacing after its last point; else it ends
 
     @property
-    def box(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """((x_low, x_high), (y_low, y_high)) of the domain: one period, or from edge to edge [length]."""
-        (x, y), (dx, dy), cells = self.origin, self.spacing, self.cells
-        return (x, x + cells[0] * dx), (y, y + cells[1] * dy)
+    def box(self) -> tuple[tuple[float, float], ...]:
+        """((x_low, x_high), (y_low, y_high), …) of the domain: one period, or from edge to edge [length]."""
+        sides = zip(self.origin, self.spacing, self.cells, strict=True)
+        return tuple((low, low + cells * step) for low, step, cells in sides)
 
     @property
-    def cells(self) -> tuple[int, int]:
-        """Grid cells along x and y."""
-        columns, rows = (n if again else n - 1 for n, again in zip(self.shape, self.periodic, strict=True))
-        return columns, rows
+    def cells(self) -> tuple[int, ...]:
+        """Grid cells along each axis."""
+        return tuple(n if again else n - 1 for n, again in zip(self.shape, self.periodic, strict=True))
 
 
 class Placed:
@@ -75,19 +75,20 @@ class Spline:
     """
 
     def __init__(self, values: np.ndarray, lattice: Lattice, interpolation: str) -> None:
-        """`values` (quantities, times, nx, ny) at the lattice's points."""
-        self.lattice = lattice
+        """`values` (quantities, times, nx, ny[, nz]) at the lattice's points."""
+        self.lattice, self.axes = lattice, len(lattice.shape)
         self.degree = DEGREES[interpolation]
-        # (quantities, times, rows, columns)
+        # (quantities, times, …), along each axis with those beyond its edges
         self.coefficients = self._coefficients(np.asarray(values, np.float64))
-        steps = np.arange(self.degree + 1)
-        offsets = (steps[:, None] * self.coefficients.shape[3] + steps).ravel()  # of a patch from its corner
+        steps, offsets = np.arange(self.degree + 1), np.zeros(1, int)  # of a patch from its corner
+        for size in self.coefficients.shape[2:]:
+            offsets = (offsets[:, None] * size + steps).ravel()
         self._tables = Placed(self.coefficients.reshape(len(self.coefficients), -1), offsets)
 
     def _coefficients(self, values: np.ndarray) -> np.ndarray:
         """Control values, with those beyond the edges that the basis functions reach."""
         beyond = (0, 1) if self.degree == 1 else (1, 2)
-        for axis, periodic in zip((2, 3), self.lattice.periodic, strict=True):
+        for axis, periodic in enumerate(self.lattice.periodic, 2):
             if self.degree == 3:
                 values = (_periodic_control if periodic else _clamped_control)(values, axis)
         widths = [beyond if periodic else (0, 0) for periodic in self.lattice.periodic]
@@ -97,47 +98,56 @@ class Spline:
 
     # --- evaluation -----------------------------------------------------------------------------------------
 
-    def __call__(self, x: Array, y: Array, moment: Moment | None = None) -> tuple[Array, ...]:
-        """Each quantity (...) at the places (x, y), between two grids in time where there is a `moment`."""
-        patch, along_x, along_y, _, _ = self._patches(x, y, moment)
-        values = _weighted(_weighted(patch, along_y, 2), along_x, 1)
+    def __call__(self, places: Sequence[Array], moment: Moment | None = None) -> tuple[Array, ...]:
+        """Each quantity (...) at the places (x, y[, z]), between two grids in time where there is a
+        `moment`.
+        """
+        values, within = self._patches(places, moment)
+        for axis in reversed(range(self.axes)):
+            values = _weighted(values, self._weights(within[axis]), axis + 1)
         return tuple(values[i, ...] for i in range(values.shape[0]))
 
-    def with_slopes(self, x: Array, y: Array, moment: Moment | None = None) -> tuple[Array, Array, Array]:
-        """Quantities (quantities, ...) and their derivatives along x and along y at the places (x, y)."""
-        patch, along_x, along_y, in_x, in_y = self._patches(x, y, moment)
-        rows = _weighted(patch, along_y, 2)
-        slope_x = _weighted(rows, self._slopes(in_x, 0), 1)
-        slope_y = _weighted(_weighted(patch, self._slopes(in_y, 1), 2), along_x, 1)
-        return _weighted(rows, along_x, 1), slope_x, slope_y
+    def with_slopes(self, places: Sequence[Array], moment: Moment | None = None) -> list[Array]:
+        """Quantities (quantities, ...) and their derivatives along each axis at the places (x, y[, z])."""
+        patch, within = self._patches(places, moment)
+        weights, slopes = [self._weights(each) for each in within], []
+        for axis in reversed(range(self.axes)):
+            tilted = _weighted(patch, self._slopes(within[axis], axis), axis + 1)
+            for further in reversed(range(axis)):
+                tilted = _weighted(tilted, weights[further], further + 1)
+            slopes.append(tilted)
+            patch = _weighted(patch, weights[axis], axis + 1)
+        return [patch, *reversed(slopes)]
 
-    def cell(self, x: Array, y: Array) -> Array:
-        """Number of the grid cell of each place (x, y), counted along y first."""
-        return self._cell(x, 0)[0] * self.lattice.cells[1] + self._cell(y, 1)[0]
+    def cell(self, places: Sequence[Array]) -> Array:
+        """Number of the grid cell of each place (x, y[, z]), counted along the last axis first."""
+        number = self._cell(places[0], 0)[0]
+        for axis in range(1, self.axes):
+            number = number * self.lattice.cells[axis] + self._cell(places[axis], axis)[0]
+        return number
 
-    def _patches(
-        self, x: Array, y: Array, moment: Moment | None
-    ) -> tuple[Array, list[Array], list[Array], Array, Array]:
-        """Control values (quantities, n, n, ...) around each place, their weights, and the place in its
-        cell."""
-        xp = namespace(x)
-        table, offsets = self._tables.like(x)
-        row, in_x = self._cell(x, 0)
-        column, in_y = self._cell(y, 1)
-        n = self.degree + 1
-        rows, columns = self.coefficients.shape[2:]
-        corner = row * columns + column
+    def _patches(self, places: Sequence[Array], moment: Moment | None) -> tuple[Array, list[Array]]:
+        """Control values (quantities, n, n[, n], ...) around each place, and the place in its cell."""
+        first = places[0]
+        xp = namespace(first)
+        table, offsets = self._tables.like(first)
+        sizes, within = self.coefficients.shape[2:], []
+        corner: Array = None
+        for axis, place in enumerate(places):
+            cell, inside = self._cell(place, axis)
+            corner = cell if corner is None else corner * sizes[axis] + cell
+            within.append(inside)
         if moment is not None:
-            corner = corner + moment[0] * (rows * columns)
-        index = xp.reshape(corner[None, ...] + xp.reshape(offsets, (n * n, *(1,) * x.ndim)), (-1,))
+            corner = corner + moment[0] * math.prod(sizes)
+        count = (self.degree + 1) ** self.axes
+        index = xp.reshape(corner[None, ...] + xp.reshape(offsets, (count, *(1,) * first.ndim)), (-1,))
         patch = xp.take(table, index, axis=1)
         if moment is not None:  # its share goes with the last axes of the patches
-            shape = (table.shape[0], n * n, *x.shape)
-            later = xp.reshape(xp.take(table, index + rows * columns, axis=1), shape)
+            shape = (table.shape[0], count, *first.shape)
+            later = xp.reshape(xp.take(table, index + math.prod(sizes), axis=1), shape)
             patch = xp.reshape(patch, shape)
             patch = patch + moment[1] * (later - patch)
-        patch = xp.reshape(patch, (table.shape[0], n, n, *x.shape))
-        return patch, self._weights(in_x), self._weights(in_y), in_x, in_y
+        return xp.reshape(patch, (table.shape[0], *(self.degree + 1,) * self.axes, *first.shape)), within
 
     def _cell(self, place: Array, axis: int) -> tuple[Array, Array]:
         """Number of the grid cell that a coordinate lies in, and where in it, from 0 to 1."""
@@ -174,32 +184,35 @@ class Spline:
     # --- bounds ---------------------------------------------------------------------------------------------
 
     def bounds(self, *, of: Callable[[np.ndarray], np.ndarray] = np.abs) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds (quantities,) of the values, by default of their size, and (quantities, 2) of the slopes'
+        """Bounds (quantities,) of the values, by default of their size, and (quantities, axes) of the slopes'
         size, at all times.
 
         Each piece lies in the convex hull of its Bézier control values, and so do its derivatives in that of
         their differences. `of` maps control values (quantities, ...) to what is to be bounded, a convex
         function of them.
         """
-        values, slopes = [], []
+        values, slopes, axes = [], [], tuple(range(1, self.axes + 1))
         for control in self._controls(self.coefficients):
-            values.append(of(control).max(axis=(1, 2)))
-            steps = [np.abs(np.diff(control, axis=axis)).max(axis=(1, 2)) for axis in (1, 2)]
+            values.append(of(control).max(axis=axes))
+            steps = [np.abs(np.diff(control, axis=axis)).max(axis=axes) for axis in axes]
             slopes.append(self.degree * np.stack(steps, axis=-1) / np.asarray(self.lattice.spacing))
         return np.max(values, axis=0), np.max(slopes, axis=0)
 
     def rates(self, times: np.ndarray) -> np.ndarray:
         """Bounds (quantities,) of the size of the derivatives by time, between grids at the `times`."""
-        steps = np.diff(self.coefficients, axis=1) / np.diff(times)[:, None, None]
-        return np.max([np.abs(control).max(axis=(1, 2)) for control in self._controls(steps)], axis=0)
+        axes = tuple(range(1, self.axes + 1))
+        steps = np.diff(self.coefficients, axis=1) / np.diff(times).reshape(-1, *(1,) * self.axes)
+        return np.max([np.abs(control).max(axis=axes) for control in self._controls(steps)], axis=0)
 
     def _controls(self, coefficients: np.ndarray) -> Iterator[np.ndarray]:
-        """Bézier control values (quantities, rows, columns), block by block, to spare memory."""
+        """Bézier control values (quantities, along each axis), block by block, to spare memory."""
         cells = coefficients.shape[2] - self.degree
         for time in range(coefficients.shape[1]):
             for first in range(0, cells, _BLOCK):
                 block = coefficients[:, time, first : first + _BLOCK + self.degree]
-                yield self._bezier(self._bezier(block, 1), 2)
+                for axis in range(1, self.axes + 1):
+                    block = self._bezier(block, axis)
+                yield block
 
     def _bezier(self, control: np.ndarray, axis: int) -> np.ndarray:
         """Bézier control values along an axis: of each cell `degree` + 1, the last of one being the first of
@@ -213,19 +226,21 @@ class Spline:
         result[::3], result[1::3], result[2::3] = points, *thirds
         return np.moveaxis(result, 0, axis)
 
-    def at_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """`with_slopes` at the lattice's own points and times, (quantities, times, nx, ny) each."""
-        start, step, points = self.lattice.origin, self.lattice.spacing, self.lattice.shape
-        x, y = (start[axis] + step[axis] * np.arange(points[axis]) for axis in (0, 1))
-        shape = (len(self.coefficients), self.coefficients.shape[1], *points)
-        values, slope_x, slope_y = (np.empty(shape) for _ in range(3))
+    def at_points(self) -> list[np.ndarray]:
+        """`with_slopes` at the lattice's own points and times, (quantities, times, nx, ny[, nz]) each."""
+        sides = zip(self.lattice.origin, self.lattice.spacing, self.lattice.shape, strict=True)
+        x, *others = (start + step * np.arange(points) for start, step, points in sides)
+        others = list(np.meshgrid(*others, indexing="ij"))
+        shape = (len(self.coefficients), self.coefficients.shape[1], *self.lattice.shape)
+        whole = [np.empty(shape) for _ in range(self.axes + 1)]
         for number in range(shape[1]):
             at, share = max(min(number, shape[1] - 2), 0), float(number > 0 and number == shape[1] - 1)
             moment = (at, share) if shape[1] > 1 else None
             for i, place in enumerate(x):  # line by line, to spare memory
-                found = self.with_slopes(np.full_like(y, place), y, moment)
-                values[:, number, i], slope_x[:, number, i], slope_y[:, number, i] = found
-        return values, slope_x, slope_y
+                found = self.with_slopes([np.full_like(others[0], place), *others], moment)
+                for part, each in zip(whole, found, strict=True):
+                    part[:, number, i] = each
+        return whole
 
 
 def _weighted(patch: Array, weights: list[Array], axis: int) -> Array:

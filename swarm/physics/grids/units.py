@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 AXES, TIME = ("x", "y"), "time"
+SPACE = (*AXES, "z")  # of data in three dimensions
 UNKNOWN = "?"  # what names begin with that pint does not know
 MAX_TEXT = 100  # characters of a unit
 # what neither pint nor its aliases mean by a name as data have it: pint's px is a length, its hertz 1 rad/s
@@ -110,7 +111,7 @@ def check_units(
     time axis.
     """
     rates = [*velocity, *([] if spin is None else [spin])]
-    texts = {name: units[name] for name in (*AXES, TIME, *rates) if name in units}
+    texts = {name: units[name] for name in (*SPACE, TIME, *rates) if name in units}
     texts = {name: re.sub(r"\s+since\s.*", "", text).strip() for name, text in texts.items()}
     known: dict[str, Unit] = {}
     for name, text in texts.items():
@@ -118,9 +119,9 @@ def check_units(
             known |= {name: unit_of(text)} if text else {}
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
-    for names in (AXES, velocity):
+    for names in (SPACE, velocity):
         _check_same({name: known[name] for name in names if name in known}, texts)
-    axis = next((name for name in AXES if name in known), None)
+    axis = next((name for name in SPACE if name in known), None)
     length = None if axis is None else known[axis]
     time = None
     if TIME in known and known[TIME] != BARE:

@@ -97,16 +97,8 @@ def centre_of_curvature(pose: Pose, curvature: Array) -> Array:
 
 
 def length_of(vector: Array) -> Array:
-    """Length (...) of vectors (..., k)."""
-    return squared_length(vector) ** 0.5
-
-
-def squared_length(vector: Array) -> Array:
-    """Square (...) of it."""
-    total = vector[..., 0] ** 2
-    for i in range(1, vector.shape[-1]):
-        total = total + vector[..., i] ** 2
-    return total
+    """Length (...) of vectors (..., 2)."""
+    return (vector[..., 0] ** 2 + vector[..., 1] ** 2) ** 0.5
 
 
 def closest_approach(pose: Pose, curvature: Array, length: Array, point: Sequence[float]) -> Array:
@@ -196,4 +188,6 @@ def comes_within(path: Array, end: Array, point: Sequence[float], radius: float)
     """Whether a place of a path (places, ..., k), or its end (..., k), lies within a radius of `point`."""
     xp = namespace(path)
     places = xp.concat([path, end[None, ...]], axis=0) - as_array(np.asarray(point), path)
-    return xp.any(squared_length(places) <= radius**2, axis=0)
+    square = places[..., 0] ** 2 + places[..., 1] ** 2
+    square = square if places.shape[-1] == 2 else square + places[..., 2] ** 2
+    return xp.any(square <= radius**2, axis=0)

@@ -65,7 +65,7 @@ class Collocation:
             for nodes, sweeps in itertools.product(range(3, 7), range(MIN_SWEEPS, 7)):
                 cost = substeps * sweeps * (nodes + 3)  # three: what a sweep costs however few the nodes
                 if cheapest is None or cost < cheapest[0]:
-                    error = error_estimate(flow, turn, length, duration, nodes, sweeps, substeps)
+                    error = cls.estimate(flow, turn, length, duration, nodes, sweeps, substeps)
                     cheapest = (cost, nodes, sweeps, substeps) if error <= tolerance else cheapest
         if cheapest is None:
             raise ValueError(
@@ -76,6 +76,11 @@ class Collocation:
         _, nodes, sweeps, substeps = cheapest
         outputs = 0 if spacing is None else math.ceil(duration / substeps / spacing - 1e-9)
         return cls(nodes, sweeps, substeps, outputs)
+
+    @staticmethod
+    def estimate(flow: Flow, turn: float, length: float, duration: float, *scheme: int) -> float:
+        """`error_estimate` of a scheme of so many nodes, sweeps and substeps."""
+        return error_estimate(flow, turn, length, duration, *scheme)
 
     @cached_property
     def fractions(self) -> np.ndarray:
@@ -102,7 +107,7 @@ class Collocation:
         """Coefficients (powers, nodes) of the nodes' Lagrange polynomials."""
         return np.linalg.inv(self.fractions[:, None] ** np.arange(self.nodes))
 
-    def motions(self, curvature: Array, speed: Array, duration: Array) -> Motion:
+    def motions(self, curvature: Any, speed: Array, duration: Array) -> Any:
         """Motions (2, targets, ...) along the arc from the start of a substep to each target."""
         xp = namespace(duration)
         step = duration / self.substeps
@@ -112,7 +117,7 @@ class Collocation:
     def swim(
         self,
         pose: Pose,
-        motions: Motion,
+        motions: Any,
         speed: Array,
         duration: Array,
         weights: Array,
@@ -137,7 +142,7 @@ class Collocation:
     def _substep(
         self,
         pose: Pose,
-        motions: Motion,
+        motions: Any,
         speed: Array,
         table: Array,
         flow: Flow,
@@ -194,6 +199,17 @@ def velocity_and_spin(flow: Flow, x: Array, y: Array, time: Array = None) -> tup
     return u, v, spin
 
 
+def velocity_and_vorticity(flow: Flow, x: Array, y: Array, z: Array, time: Array = None) -> tuple[Array, ...]:
+    """The six components (...) of velocity and vorticity at the places (x, y, z) and times (...), as
+    `velocity_and_spin`.
+    """
+    now: Any = flow if time is None else frozen(flow, time)
+    if hasattr(now, "velocity_and_vorticity"):
+        return tuple(now.velocity_and_vorticity(x, y, z))
+    position = join(x, y, z)
+    return *components(now.velocity(position)), *components(now.vorticity(position))
+
+
 def fastest_change(flow: Flow) -> float:
     """How fast a flow changes with time at a place [rad / time]: its `max_frequency`, else as it spins."""
     stated = getattr(flow, "max_frequency", None)
@@ -213,7 +229,8 @@ def error_estimate(
     fastest = flow.speed_scale if fastest is None else fastest
     spin = flow.spin_scale if spin is None else spin
     spin = max(spin, getattr(flow, "max_shear", None) or 0.0)  # a flow may strain without spinning
-    wavenumber = spin / fastest if fastest > 0 else 0.0  # it changes over a length of about speed/spin
+    # it changes over a length of about speed/spin, if it does not say that it does so over a shorter one
+    wavenumber = max(spin / fastest if fastest > 0 else 0.0, getattr(flow, "max_wavenumber", 0.0))
     step, speed = duration / substeps, length / duration
     shift = (fastest + 0.5 * speed * spin * step) * step  # the deviation from the arc
     # Gauss quadrature of a wave with as many radians as the arc and the flow turn through

@@ -10,7 +10,7 @@ from typing import Any
 from swarm._support.arrays import join, namespace
 from swarm.physics.flows import Flow
 from swarm.physics.motion.arc import Pose, components
-from swarm.physics.motion.collocation import velocity_and_spin
+from swarm.physics.motion.collocation import velocity_and_spin, velocity_and_vorticity
 
 Array = Any
 Inside = Callable[[Array], Array]
@@ -29,7 +29,12 @@ class Within:
 
     def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """u_x, u_y and ω₀ (...) at the places (x, y)."""
-        return velocity_and_spin(self._flow, *self._asked(x, y))
+        x, y = self._asked(x, y)
+        return velocity_and_spin(self._flow, x, y)
+
+    def velocity_and_vorticity(self, x: Array, y: Array, z: Array) -> tuple[Array, ...]:
+        """The components (...) of velocity and vorticity at the places (x, y, z), in space."""
+        return velocity_and_vorticity(self._flow, *self._asked(x, y, z))
 
     def _asked(self, *place: Array) -> tuple[Array, ...]:
         inside, where = self._flow.inside(join(*place)), namespace(place[0]).where  # type: ignore[attr-defined]

@@ -87,8 +87,7 @@ def frame(quaternion: Array) -> tuple[Array, Array, Array]:
 
 def tangent(quaternion: Array) -> Array:
     """Unit vector (..., 3) in which a cell with the frame (..., 4) swims."""
-    w, x, y, z = components(quaternion)
-    return join(1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+    return join(*tangent_parts(components(quaternion)))
 
 
 def product(first: Array, second: Array) -> Array:
@@ -129,13 +128,22 @@ def product_parts(first: Parts, second: Parts) -> tuple[Array, ...]:
     )
 
 
+def tangent_parts(quaternion: Parts) -> tuple[Array, ...]:
+    """Components of the tangent."""
+    w, x, y, z = quaternion
+    return 1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)
+
+
 def rotated_parts(quaternion: Parts, vector: Parts) -> tuple[Array, ...]:
-    """Components of a vector, turned: v + 2 (w u + u ×)(u × v) with u = (x, y, z)."""
+    """Components of a vector, turned."""
+    return tuple(v + off for v, off in zip(vector, led_off(quaternion, vector), strict=True))
+
+
+def led_off(quaternion: Parts, vector: Parts) -> tuple[Array, ...]:
+    """Components by which a vector differs when turned: 2 (w + u ×)(u × v) with u = (x, y, z)."""
     w, *axis = quaternion
-    twice = cross(axis, vector)
-    twice = tuple(part + part for part in twice)
-    further = cross(axis, twice)
-    return tuple(v + w * t + f for v, t, f in zip(vector, twice, further, strict=True))
+    twice = tuple(part + part for part in cross(axis, vector))
+    return tuple(w * t + further for t, further in zip(twice, cross(axis, twice), strict=True))
 
 
 def unit_quaternion(parts: Parts) -> Array:

@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -76,6 +76,8 @@ class Swimmer:
     spread: Spread | None = None  # of speeds and curvatures over cells
     range: tuple[float, float] | None = None  # of curvatures that are actions themselves [1 / length]
 
+    collocation: ClassVar[type[Collocation]] = Collocation
+
     @cached_property
     def company(self) -> Company | None:
         """How cells that influence each other swim together; None where they do not."""
@@ -96,7 +98,7 @@ class Swimmer:
         """How intervals in the flow are integrated; None in still water."""
         if isinstance(self.flow, StillWater):
             return None
-        return Collocation.for_interval(self.flow, *self._largest(), self.spacing)
+        return self.collocation.for_interval(self.flow, *self._largest(), self.spacing)
 
     def normal_curvature(self, curvature: Array) -> Array:
         """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""

@@ -175,6 +175,18 @@ class Actions:
         """Curvature (..., cells) of an action, of the kind of `like` [1 / length]."""
         return action if self.is_continuous else look_up(as_array(np.asarray(self.curvatures), like), action)
 
+    @cached_property
+    def response_sign(self) -> int:
+        """1 where cells climb by bending their path more where they sense more, −1 where by bending it less.
+
+        The former holds in the plane, whose circles then move up the gradient. In space the axis of a helix
+        turns up the gradient where the path is more stretched, by |τ|/κ, the more is sensed.
+        """
+        if self.torsions is None:
+            return 1
+        stretched = [abs(tau) / kappa for kappa, tau in zip(self.curvatures, self.torsions, strict=True)]
+        return -1 if stretched[-1] < stretched[0] else 1
+
     def ends(self, like: Array) -> tuple[Array, Array]:
         """The actions (..., cells) that take κ₁ and κ_m."""
         full = namespace(like).full_like

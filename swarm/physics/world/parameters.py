@@ -36,7 +36,7 @@ from swarm.physics.motion import clock
 from swarm.physics.motion.clock import Clock
 from swarm.physics.motion.helical import HelicalSwimmer
 from swarm.physics.motion.swimmer import Swimmer
-from swarm.physics.perception import Memory, MemoryWithFlow, Sensor, check_sensor
+from swarm.physics.perception import Memory, MemoryWithFlow, MemoryWithFlowInSpace, Sensor, check_sensor
 from swarm.physics.rewards import Reward, check_reward
 from swarm.physics.world import rules
 from swarm.physics.world.actions import ACTIONS, Actions, check_range
@@ -101,7 +101,8 @@ class Parameters(Actions, Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.sensor is None:
-            object.__setattr__(self, "sensor", MemoryWithFlow() if self.sense_flow else Memory())
+            with_flow = MemoryWithFlow if self.torsions is None else MemoryWithFlowInSpace
+            object.__setattr__(self, "sensor", with_flow() if self.sense_flow else Memory())
         senses_flow = isinstance(self.sensor, MemoryWithFlow)
         if self.sense_flow and not senses_flow:
             raise ValueError(f"sense_flow must go with the sensor memory_with_flow, got {self.sensor!r}")

@@ -91,12 +91,10 @@ def check_dimensions(world: Any) -> None:
     for name, value in NOT_IN_SPACE.items() if space else ():
         if (found := getattr(world, name)) != value:
             raise ValueError(f"{name} must be {value!r} in space (with torsions), got {found!r}")
-    if space and getattr(world.sensor, "in_plane_only", False):
-        rule = "sensor must be one that there is in space (with torsions)"
-        raise ValueError(f"{rule}, got {world.sensor.name!r}")
     where = "in space (with torsions)" if space else "in the plane (without torsions)"
-    for name, part in (("field", world.field), ("flow", world.flow)):
-        if getattr(part, "coordinates", world.dimensions) != world.dimensions:
+    for name in ("sensor", "field", "flow"):
+        part = getattr(world, name)
+        if getattr(part, "coordinates", None) not in (None, world.dimensions):
             raise ValueError(f"{name} must be one {where}, got {part!r}")
         box = getattr(part, "box", None)
         if box is not None and len(box) != world.dimensions:
@@ -108,6 +106,19 @@ def check_dimensions(world: Any) -> None:
         raise ValueError(f"start_box must have {world.dimensions} sides {where}, got {world.start_box}")
     if world.egg is not None and len(world.egg[0]) != world.dimensions:
         raise ValueError(f"egg_position must be {world.dimensions} numbers {where}, got {world.egg[0]}")
+    if space:
+        _check_probe(world.flow, [low for low, _ in world.box])
+
+
+def _check_probe(flow: Flow, place: list[float]) -> None:
+    """Raises ValueError where a flow of a user gives velocities of the plane in space."""
+    try:
+        with np.errstate(all="ignore"):
+            found = np.shape(flow.velocity(np.array([place])))
+    except Exception:  # a function may want other arrays than NumPy's
+        return
+    if found != (1, 3):
+        raise ValueError(f"flow.velocity must be (..., 3) of positions (..., 3) in space, got {found}")
 
 
 def check_curvatures(name: str, values: Any) -> tuple[float, ...]:

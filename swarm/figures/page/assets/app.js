@@ -2,10 +2,12 @@
 
 const $ = id => document.getElementById(id);
 const asked = new URLSearchParams(location.hash.slice(1));
-const policies = data.policies.map((policy, index) => Object.assign(new Lives(policy, data), { index }));
+const view = data.torsions ? Space : Plane;
+const policies = data.policies.map((policy, index) => Object.assign(new view.Lives(policy, data), { index }));
 const teams = data.teams, layers = data.background.layers, end = Math.max(...policies.map(lives => lives.end));
 const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-let now = 0, playing = false, before = null, chosen = null, hovered = null, mode = asked.get("view") === "whole" ? "whole" : "swarm", camera = { x: 0, y: 0, scale: 20 }, easing = false, stale = true;
+let now = 0, playing = false, before = null, chosen = null, hovered = null, mode = asked.get("view") === "whole" ? "whole" : "swarm", camera = view.camera, easing = false, stale = true;
+let turning = view.turns && !calm && !asked.has("t") && !asked.has("turn");
 let stage = null, shown = [], theme, layer, tints = {}, readAt = -Infinity, drawnFor = "";
 
 $("title").textContent = document.title = data.title;
@@ -28,7 +30,7 @@ $("ways").checked = few;
 $("ways").parentElement.hidden = policies[0].n > WITH_WAYS;
 const [some, all] = data.cells;
 $("note").textContent = (some < all ? "The first " + some + " of " + all + " cells are drawn, which keeps the page small; means are of all. " : "")
-  + "Trails fade to 1/e in " + FADE + " units of time.";
+  + "Trails fade to 1/e in " + Number(policies[0].fade.toFixed(1)) + " units of time.";
 
 // --- colours ---------------------------------------------------------------------------------------------------
 
@@ -84,81 +86,49 @@ function arrange() {
     stage.show(shown, Math.min(window.devicePixelRatio || 1, 2));
     shown = stage.panes;
   }
-  for (const pane of shown) pane.gradient = new Arrows((x, y, moment) => slope(pane, x, y, moment));
   $("stage").setAttribute("aria-label", some + " cells, " + shown.map(pane => pane.lives.policy.label).join(" beside "));
   const wanted = aimed(mode === "whole");
   if (mode === "swarm" || mode === "whole") camera = wanted;
   stale = true;
 }
-function extent(whole) {
-  let left = Infinity, right = -Infinity, low = Infinity, high = -Infinity;
-  for (const { lives } of shown) {
-    if (whole) {
-      const [a, b] = range(lives.xs), [c, d] = range(lives.ys);
-      left = Math.min(left, a); right = Math.max(right, b); low = Math.min(low, c); high = Math.max(high, d);
-    } else for (let pass = 0; pass < 2 && left === Infinity; pass++) for (let cell = 0; cell < lives.n; cell++) {
+// Low and high corner of all paths, or of the cells that are alive.
+function extent(panes, whole) {
+  const { axes } = view, low = axes.map(() => Infinity), high = axes.map(() => -Infinity);
+  for (const { lives } of panes) {
+    if (whole) axes.forEach((axis, k) => {
+      const [least, most] = range(lives[axis + "s"]);
+      low[k] = Math.min(low[k], least); high[k] = Math.max(high[k], most);
+    });
+    else for (let pass = 0; pass < 2 && low[0] === Infinity; pass++) for (let cell = 0; cell < lives.n; cell++) {
       if (!pass && lives.over(cell, now) && now < lives.end) continue;
       lives.place(cell, now);
-      left = Math.min(left, lives.x); right = Math.max(right, lives.x); low = Math.min(low, lives.y); high = Math.max(high, lives.y);
+      for (let k = 0; k < axes.length; k++) { const value = lives[axes[k]]; if (value < low[k]) low[k] = value; if (value > high[k]) high[k] = value; }
     }
   }
-  return [left, right, low, high];
-}
-function swarmOf(pane) { // of one pane alone
-  const kept = shown;
-  shown = [pane];
-  const found = extent(false);
-  shown = kept;
-  return found;
+  return [low, high];
 }
 function aimed(whole) {
-  const boxes = whole ? [extent(true)] : shown.map(swarmOf), left = Math.min(...boxes.map(b => b[0])), right = Math.max(...boxes.map(b => b[1])),
-    low = Math.min(...boxes.map(b => b[2])), high = Math.max(...boxes.map(b => b[3])), { width, height } = shown[0];
-  const scale = Math.min(width / Math.max(1.08 * (right - left) + 1.2, 5), (height - 30) / Math.max(1.08 * (high - low) + 1.2, 5));
-  return { x: (left + right) / 2, y: (low + high) / 2, scale };
+  const boxes = whole ? [extent(shown, true)] : shown.map(pane => extent([pane], false));
+  return view.aimed(view.axes.map((_, k) => Math.min(...boxes.map(([low]) => low[k]))), view.axes.map((_, k) => Math.max(...boxes.map(([, high]) => high[k]))), whole);
 }
 function moveCamera(passed) {
-  if (mode !== "swarm") return;
-  const wanted = aimed(false), part = 1 - Math.exp(-2.2 * passed), off = wanted.scale / camera.scale;
-  if (off < 0.93 || off > 1.4) easing = true; // seldom, and then at once: what is drawn has to be drawn anew
-  camera.x += part * (wanted.x - camera.x); camera.y += part * (wanted.y - camera.y);
-  if (easing) {
-    camera.scale *= (0.97 * off) ** Math.min(1, 2 * part);
-    if (Math.abs(0.97 * wanted.scale / camera.scale - 1) < 0.02) { easing = false; stale = true; }
-  }
+  if (turning) view.turn(passed);
+  if (mode === "swarm") view.ease(aimed(false), 1 - Math.exp(-2.2 * passed));
 }
-// The camera of a pane, on whole pixels, so that trails stay sharp when it moves.
 function cameraOf(pane) {
-  let { x, y, scale } = camera;
-  if (mode === "cell" && chosen !== null) { pane.lives.place(chosen, now); x = pane.lives.x; y = pane.lives.y; }
-  const pixel = 1 / (scale * (stage ? stage.ratio : 1));
-  return { x: pixel * Math.round(x / pixel), y: pixel * Math.round(y / pixel), scale };
+  if (mode !== "cell" || chosen === null) return view.at(camera);
+  pane.lives.place(chosen, now);
+  return view.at({ ...camera, ...Object.fromEntries(view.axes.map(axis => [axis, pane.lives[axis]])) });
 }
 
-// --- fields of arrows ------------------------------------------------------------------------------------------
-
-const { low, high } = data.background, wide = high[0] - low[0], tall = high[1] - low[1];
-const concentration = layers.find(each => each.what === "concentration");
-const unitPlace = (x, y) => [(x - low[0]) / wide, (y - low[1]) / tall];
-function slope(pane, x, y, moment) {
-  const film = concentration.films[Math.min(pane.index, concentration.films.length - 1)], [u, v] = unitPlace(x, y), a = 1.5 / film.size[0], b = 1.5 / film.size[1];
-  const [i, j, f] = film.between(moment), at = (p, q) => (1 - f) * sample(film.values, film.size, i, p, q) + f * sample(film.values, film.size, j, p, q);
-  return [(at(u + a, v) - at(u - a, v)) / (2 * a * wide), (at(u, v + b) - at(u, v - b)) / (2 * b * tall)];
-}
-let current = null;
-if (data.background.flow) {
-  const flow = data.background.flow, us = numbers(flow.x), vs = numbers(flow.y);
-  current = new Arrows((x, y, moment) => {
-    const frame = flow.times.length < 2 ? 0 : Math.round(moment / flow.times.at(-1) * (flow.times.length - 1)), [u, v] = unitPlace(x, y);
-    return [sample(us, flow.size, frame, u, v), sample(vs, flow.size, frame, u, v)];
-  });
-}
+const concentration = layers.find(each => each.what === "concentration"), streams = data.background.flow;
+const currents = streams ? view.axes.map(axis => numbers(streams[axis])) : null;
 
 // --- drawing ---------------------------------------------------------------------------------------------------
 
 function draw(passed) {
   moveCamera(passed);
-  const [pen] = sharp($("over")), race = policies.map(lives => lives.race(now)), still = concentration.films[0].frames < 2 && !(current && data.background.flow.times.length > 1);
+  const [pen] = sharp($("over")), race = policies.map(lives => lives.race(now)), still = concentration.films[0].frames < 2 && !(streams && streams.times.length > 1);
   const moment = still ? 0 : Math.round(now / end * 200) / 200 * end;
   for (const pane of shown) {
     const at = cameraOf(pane);
@@ -168,9 +138,7 @@ function draw(passed) {
     }
     pane.camera = at;
     pen.save(); pen.beginPath(); pen.rect(pane.x, pane.y, pane.width, pane.height); pen.clip();
-    if ($("gradient").checked) pane.gradient.draw(pen, pane, moment, 0.5, theme.css.gradient + "a0");
-    if (current && $("flow").checked) current.draw(pen, pane, moment, 0, theme.css.flow + "b0");
-    drawAxes(pen, pane, data.unit, theme);
+    view.over(pen, pane, moment);
     drawName(pen, pane);
     pen.restore();
   }
@@ -201,12 +169,7 @@ function drawName(pen, pane) {
 }
 function onScreen(pane, cell) {
   pane.lives.place(cell, now);
-  let { x, y } = pane.lives;
-  if (pane.lives.won(cell, now) && data.egg) {
-    const away = Math.atan2(y - data.egg.y, x - data.egg.x);
-    x = data.egg.x + data.egg.radius * Math.cos(away); y = data.egg.y + data.egg.radius * Math.sin(away);
-  }
-  return [pane.x + pane.width / 2 + (x - pane.camera.x) * pane.camera.scale, pane.y + pane.height / 2 - (y - pane.camera.y) * pane.camera.scale];
+  return view.onScreen(pane, cell);
 }
 
 // --- numbers ---------------------------------------------------------------------------------------------------
@@ -274,7 +237,9 @@ function factsOf(lives, cell) {
   const found = {};
   if (shown.length > 1) found["policy"] = lives.policy.label;
   found["gain"] = signed(lives.gain(cell)); found["final gain"] = signed(lives.policy.gain[cell]);
-  found["curvature"] = lives.bend(cell).toFixed(2); found["place"] = plain(lives.x, 1) + ", " + plain(lives.y, 1);
+  found["curvature"] = lives.bend(cell).toFixed(2);
+  if (data.torsions) found["torsion"] = lives.between(data.torsions, lives.bend(cell)).toFixed(2);
+  found["place"] = view.axes.map(axis => plain(lives[axis], 1)).join(", ");
   if (lives.eatens) found["eaten"] = lives.value(lives.eatens, cell).toPrecision(3);
   if (lives.policy.won) found["arrived"] = lives.won(cell, now) ? "t = " + lives.policy.arrival[cell].toFixed(2) : "no";
   return found;
@@ -293,7 +258,7 @@ function tick(stamp) {
     if (now >= end) { now = end; play(false); }
   }
   draw(passed);
-  if (playing || easing) queue(); else before = null;
+  if (playing || easing || turning) queue(); else before = null;
 }
 function play(on) {
   playing = on;
@@ -325,22 +290,19 @@ $("colour").onchange = () => {
 // --- the camera by hand ----------------------------------------------------------------------------------------
 
 function setMode(to) { mode = to; easing = to === "swarm"; if (to === "whole") camera = aimed(true); stale = true; queue(); }
-function free() { if (mode === "cell" && shown[0].camera) camera = { ...camera, x: shown[0].camera.x, y: shown[0].camera.y }; mode = "free"; easing = false; queue(); }
+function free() { if (mode === "cell" && shown[0].camera) camera = { ...shown[0].camera, scale: camera.scale }; mode = "free"; easing = false; queue(); }
 function zoom(factor, at) {
   if (mode !== "cell") free();
-  const scale = clamp(camera.scale * factor, 0.5, 2000), pane = at && paneAt(...at);
-  if (pane && mode === "free") {
-    const dx = at[0] - pane.x - pane.width / 2, dy = pane.y + pane.height / 2 - at[1];
-    camera.x += dx / camera.scale - dx / scale; camera.y += dy / camera.scale - dy / scale;
-  }
-  camera.scale = scale;
+  view.zoomed(at && paneAt(...at), clamp(camera.scale * factor, 0.5, 2000), at);
   clearTimeout(settling); // what is stretched now is drawn anew when the hand rests
   settling = setTimeout(() => { stale = true; queue(); }, 150);
   queue();
 }
 let settling;
-function pan(dx, dy) { free(); camera.x -= dx / camera.scale; camera.y += dy / camera.scale; queue(); }
-function follow(cell) { chosen = cell; if (cell === null) { if (mode === "cell") setMode("swarm"); } else { mode = "cell"; camera.scale = Math.max(camera.scale, 48); easing = false; } stale = true; queue(); }
+function pan(dx, dy) { free(); view.pan(dx, dy); queue(); }
+function drag(dx, dy, aside) { if (aside || !view.turns) free(); (aside ? view.pan : view.drag)(dx, dy); queue(); }
+function rest() { turning = false; $("turn").setAttribute("aria-pressed", "false"); }
+function follow(cell) { chosen = cell; if (cell === null) { if (mode === "cell") setMode("swarm"); } else { mode = "cell"; view.zoomed(null, Math.max(camera.scale, 48)); easing = false; } stale = true; queue(); }
 const paneAt = (x, y) => shown.find(p => x >= p.x && x < p.x + p.width && y >= p.y && y < p.y + p.height) || shown[0];
 function nearest(x, y) {
   const pane = paneAt(x, y);
@@ -356,6 +318,7 @@ let dragged = 0, spread = 0;
 const spot = event => { const at = box.getBoundingClientRect(); return [event.clientX - at.left, event.clientY - at.top]; };
 box.onpointerdown = event => {
   if (event.target.closest("button")) return;
+  rest();
   box.setPointerCapture(event.pointerId);
   if (!touches.size) dragged = 0;
   touches.set(event.pointerId, spot(event));
@@ -367,9 +330,10 @@ box.onpointermove = event => {
   touches.set(event.pointerId, at);
   if (touches.size === 1) {
     dragged += Math.abs(at[0] - was[0]) + Math.abs(at[1] - was[1]);
-    if (dragged > 4) pan(at[0] - was[0], at[1] - was[1]);
+    if (dragged > 4) drag(at[0] - was[0], at[1] - was[1], event.shiftKey || event.buttons > 1);
   } else {
     const [a, b] = [...touches.values()], now = Math.hypot(a[0] - b[0], a[1] - b[1]);
+    if (view.turns) drag((at[0] - was[0]) / 2, (at[1] - was[1]) / 2, true);
     dragged = 99;
     if (spread) zoom(now / spread, [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2]);
     spread = now;
@@ -399,23 +363,28 @@ box.addEventListener("wheel", event => { // within another page, only who has cl
   zoom(Math.exp(-0.0015 * event.deltaY), spot(event));
 }, { passive: false });
 $("in").onclick = () => zoom(1.4); $("out").onclick = () => zoom(1 / 1.4); $("swarm").onclick = () => { chosen = null; setMode("swarm"); }; $("whole").onclick = () => { chosen = null; setMode("whole"); };
+$("turn").hidden = !view.turns;
+$("turn").setAttribute("aria-pressed", turning);
+$("turn").onclick = () => { turning = !turning; $("turn").setAttribute("aria-pressed", turning); before = null; queue(); };
+if (view.turns) $("keys").textContent = view.keys;
+box.oncontextmenu = event => { if (view.turns) event.preventDefault(); };
 $("release").onclick = () => follow(null);
 const KEYS = {
-  ArrowLeft: () => pan(60, 0), ArrowRight: () => pan(-60, 0), ArrowUp: () => pan(0, 60), ArrowDown: () => pan(0, -60), "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8),
+  ArrowLeft: aside => drag(60, 0, aside), ArrowRight: aside => drag(-60, 0, aside), ArrowUp: aside => drag(0, 60, aside), ArrowDown: aside => drag(0, -60, aside), "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8),
   0: $("swarm").onclick, 9: $("whole").onclick, n: () => follow(((chosen ?? -1) + 1) % some), p: () => follow(((chosen ?? 0) + some - 1) % some), Escape: () => follow(null),
 };
 document.onkeydown = event => {
   if (event.ctrlKey || event.metaKey || event.altKey || ["SELECT", "BUTTON", "INPUT"].includes(event.target.tagName) && event.key !== "Escape") return;
   const act = event.key === " " ? $("play").onclick : event.key === "," ? () => seek(now - 0.2) : event.key === "." ? () => seek(now + 0.2)
     : document.activeElement === box || event.key === "Escape" ? KEYS[event.key] : null;
-  if (act) { event.preventDefault(); act(); }
+  if (act) { event.preventDefault(); if (event.key.startsWith("Arrow")) rest(); act(event.shiftKey); }
 };
 let ready = false; // what has another size is drawn before it is shown
 new ResizeObserver(() => { if (ready) { arrange(); draw(0); } }).observe(box);
 
 try {
   for (const each of layers) each.films = each.films.map(film => new Film(film, each.least, each.most));
-  stage = new Stage($("water"), data);
+  stage = view.stage($("water"));
 } catch (error) {
   $("failed").hidden = false;
   $("failed").textContent = "The picture needs WebGL 2, which this browser does not offer here; the numbers work.";
@@ -423,6 +392,7 @@ try {
 arrange();
 $("layer").onchange();
 if (asked.has("t")) now = clamp(Number(asked.get("t")) || 0, 0, end);
+if (asked.has("turn") && view.turns) camera.azimuth = Number(asked.get("turn")) * Math.PI / 180 || 0;
 if (asked.has("cell")) follow(clamp(Math.round(Number(asked.get("cell")) || 0), 0, some - 1));
 arrange();
 draw(0);

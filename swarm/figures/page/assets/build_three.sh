@@ -8,7 +8,7 @@ cd "$work"
 npm init -y > /dev/null
 npm install --silent three@0.187.0 esbuild@0.28.2
 node node_modules/esbuild/install.js
-used=$(cat "$here"/lives.js "$here"/stage.js | grep -oE 'THREE\.[A-Z][A-Za-z0-9]*' | sed 's/THREE\.//' | sort -u | paste -sd, -)
+used=$(cat "$here"/lives.js "$here"/stage.js "$here"/volume.js | grep -oE 'THREE\.[A-Z][A-Za-z0-9]*' | sed 's/THREE\.//' | sort -u | paste -sd, -)
 echo "export { $used } from 'three';" > entry.js
 licence=$(printf '/*! three.js 0.187.0, https://threejs.org\n%s\n*/' "$(cat node_modules/three/LICENSE)")
 node_modules/.bin/esbuild entry.js --bundle --minify --format=iife --global-name=THREE --target=es2020 \

@@ -8,6 +8,7 @@ const bytes = text => {
 };
 const numbers = ({ low, step, data }) => Float32Array.from(new Uint16Array(bytes(data).buffer),
   code => code ? low + (code - 1) * step : NaN);
+const FADE = 3; // in which a trail falls to 1/e of its light [time]
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 const wrapped = angle => angle - 2 * Math.PI * Math.round(angle / (2 * Math.PI));
 
@@ -18,6 +19,7 @@ class Lives {
     this.stride = this.times.length > this.count || this.n === 1 ? this.count : 0; // 0: one clock for all
     this.last = new Int32Array(this.n).fill(this.count - 1);
     this.end = 0;
+    this.fade = FADE;
     for (let cell = 0; cell < this.n; cell++) {
       while (this.last[cell] > 0 && Number.isNaN(this.times[cell * this.stride + this.last[cell]])) this.last[cell]--;
       this.end = Math.max(this.end, this.times[cell * this.stride + this.last[cell]]);
@@ -28,13 +30,15 @@ class Lives {
     this.x = this.y = this.angle = this.sine = this.cosine = this.step = this.part = 0; // of the cell that was last asked for
   }
 
-  speed(bend) {
-    const { curvatures, speeds } = this.data;
+  // What goes with a curvature, of what goes with each action.
+  between(values, bend) {
+    const { curvatures } = this.data;
     let i = 0;
     while (i < curvatures.length - 2 && bend > curvatures[i + 1]) i++;
     const part = clamp((bend - curvatures[i]) / (curvatures[i + 1] - curvatures[i]), 0, 1);
-    return speeds[i] + part * (speeds[i + 1] - speeds[i]);
+    return values[i] + part * (values[i + 1] - values[i]);
   }
+  speed(bend) { return this.between(this.data.speeds, bend); }
 
   over(cell, t) { return t >= this.times[cell * this.stride + this.last[cell]]; }
   won(cell, t) { const { won, arrival } = this.policy; return Boolean(won && won[cell] && arrival[cell] <= t + 1e-6); }
@@ -108,7 +112,7 @@ class Film {
       half[2 * i] = known ? toHalf((this.values[i] - least) / span) : 0;
       half[2 * i + 1] = known ? 15360 : 0; // 1 in 16 bits
     }
-    const texture = this.texture = new THREE.DataArrayTexture(half, size[0], size[1], this.frames);
+    const texture = this.texture = new THREE.DataArrayTexture(half, size[0], size[1], this.frames * (size[2] ?? 1)); // layer by layer in space
     Object.assign(texture, { format: THREE.RGFormat, type: THREE.HalfFloatType, minFilter: THREE.LinearFilter, magFilter: THREE.LinearFilter, needsUpdate: true });
   }
   // The two frames around a time, and the part of the second.

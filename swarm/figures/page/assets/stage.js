@@ -1,6 +1,5 @@
 // The stage: one picture for each policy that is shown, by three.js; trails live in a framebuffer that fades.
 
-const FADE = 3; // in which a trail falls to 1/e of its light [time]
 const FINE = 0.06; // parts of a trail [time]
 const MOST_PARTS = 90000; // of all trails, when they are drawn anew
 const MARGIN = 56; // by which framebuffers reach beyond the picture, so that a camera that moves needs no new ones [pixels]
