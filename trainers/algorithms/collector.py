@@ -63,7 +63,7 @@ class SeedCollector:
         return self._by_seed(self.env.gain())
 
     def poses(self) -> Tensor:
-        """Position [length], heading (as in `State`) and κ* of all cells (seeds, cells, numbers) as they are now."""
+        """Position [length], heading as of `State` and κ* of all cells (seeds, cells, numbers) now."""
         state = self.env.state
         assert state is not None, "env.restart() must come first"
         return self._by_seed(torch.cat([state.position, state.heading, state.memory[..., 0, 1:2]], dim=-1))

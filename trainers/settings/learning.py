@@ -110,7 +110,8 @@ class DRQNSettings(DQNSettings):
     def _check_block(self) -> Self:
         if self.block:
             raise ValueError(
-                f"block must be 0 with a network that remembers, whose state no task brings back, got {self.block}"
+                f"block must be 0 with a network that remembers, whose state no task brings back, got "
+                f"{self.block}"
             )
         return self
 
