@@ -65,8 +65,12 @@ class AdaptiveSteering(Checked):
     of a record for the interval that it ends, with the bindings of each step where they are counted. Two
     gains with a `decision` are those below and above a signal of this level, to which 1/p has adapted
     (decision making: Kromer et al., PLOS Comput. Biol. 14 (2018) e1006109). None takes σ = 3/ω, sampled less
-    ΔT/2, by which decisions are late, μ = 1/ω and g = 80 κ̄ of the world, ω = v κ̄. Raises TypeError or
-    ValueError that names the parameter and its rule.
+    ΔT/2, by which decisions are late, μ = 1/ω and g = 80 κ̄ of the world, ω = v κ̄.
+
+    In space, sampled only, torsion goes with curvature as in the actions (Jikeli et al., Nat. Commun. 6
+    (2015) 7985): κ = κ̄ ∓ g (a − 1) by the world's `response_sign`, ω = v w̄ and σ = (1 − tan(ωΔT/2))/ω, at
+    least 0.3/ω, which brings the output into phase with the signal half an interval later. Raises TypeError
+    or ValueError that names the parameter and its rule.
     """
 
     relaxation: float | None = parameter(None, optional(check_number), above=0.0)  # σ [time]
@@ -162,6 +166,8 @@ class AdaptiveSteering(Checked):
         the gain, where the signal is `level` at the centre and rises by `slope` per length:
         −(v g r₀² |∇s| |χ|/2) sin(arg χ) and (v g r₀² |∇s| |χ|/2) cos(arg χ), r₀ = 1/κ̄.
         """
+        if world.dimensions != 2:
+            raise ValueError("drift must be asked for in the plane, got a world in space")
         response = self.susceptibility(world, level)
         gain = float(self.gain_at(world, np.asarray(-math.log(level))))
         size = 0.5 * max(world.action_speeds) * gain * slope * abs(response) / world.mean_curvature**2

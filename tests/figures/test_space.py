@@ -155,7 +155,8 @@ def test_the_page_swims_the_helices_of_the_world(tmp_path, noise):
     data, time = data_of(page(results)), results["time"].values[0, 0]
     data["times"] = [float(time[1] + time[2]) / 2, float(time[2]) - 1e-7, float(time[2])]
     assets = resources.files("swarm.figures.page") / "assets"
-    program = "".join((assets / name).read_text(encoding="utf-8") for name in ("lives.js", "space.js"))
+    names = ("lives.js", "shaders.js", "stage.js", "space.js", "volume.js")
+    program = "".join((assets / name).read_text(encoding="utf-8") for name in names)
     (tmp_path / "swim.js").write_text(f"const data = {json.dumps(data)};{program}{SCRIPT}", encoding="utf-8")
     done = subprocess.run([NODE, tmp_path / "swim.js"], capture_output=True, text=True, check=True)
     found = np.array(json.loads(done.stdout)).reshape(3, 3, 5)

@@ -417,6 +417,7 @@ def test_a_population_is_tested_and_kept_in_space(tmp_path, monkeypatch):
         ({"medium": {}}, "medium must be None in space"),
         ({"interactions": ["contact"]}, r"interactions must be \(\) in space"),
         ({"action": "continuous"}, "action must be 'discrete' in space .*got 'continuous'"),
+        ({"first_arrivals": 1, "field": "radial"}, "first_arrivals must be None in space .*got 1"),
         ({"spread": {"speed": 0.1}}, "spread must be None in space"),
         ({"rotational_diffusion": 0.1}, r"rotational_diffusion must be 0\.0 in space .*got 0\.1"),
         ({"sensor": "memory_with_neighbours"}, "sensor must be one in space .*got MemoryWithNeighbours"),

@@ -72,10 +72,10 @@ class Orbit(NamedTuple):
         return self.centre + self.edge * inside
 
     def below(self, places: np.ndarray) -> np.ndarray:
-        """Places (..., 3) on the floor of the cube under others."""
-        return np.concatenate(
-            [places[..., :2], np.zeros_like(places[..., :1]) + self.centre[2] - self.edge / 2], -1
-        )
+        """Places (..., 3) on the floor of the cube under others, NaN beside it."""
+        inside = (np.abs(places - self.centre)[..., :2] < self.edge / 2).all(axis=-1, keepdims=True)
+        floor = np.full_like(places[..., :1], self.centre[2] - self.edge / 2)
+        return np.where(inside, np.concatenate([places[..., :2], floor], axis=-1), np.nan)
 
     def nearness(self, places: np.ndarray) -> np.ndarray:
         """How much (...) larger than at the centre things at places (..., 3) are seen."""

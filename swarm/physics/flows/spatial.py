@@ -87,8 +87,8 @@ class ShearAroundSphere(Checked):
 
     With the strain rate E, the vorticity 2Ω of the shear and the radius a,
     u = Ω × r + E r (1 − a⁵/r⁵) − (5/2) r (r·E r) (a³/r⁵ − a⁵/r⁷) where the sphere turns freely with the
-    water, and less Ω × r a³/r³ where it is held (Batchelor, An Introduction to Fluid Dynamics, § 4.11; Kim &
-    Karrila, Microhydrodynamics, ch. 2); ω = 2Ω + 5 (a³/r⁵) r × E r, less (a³/r³) (3 r (r·Ω)/r² − Ω). A cell
+    water, and less Ω × r a³/r³ where it is held (Batchelor, An Introduction to Fluid Dynamics, § 4.11);
+    ω = 2Ω + 5 (a³/r⁵) r × E r, less (a³/r³) (3 r (r·Ω)/r² − Ω). A cell
     that comes into the sphere is truncated, unless it has arrived at an egg as large before.
     """
 

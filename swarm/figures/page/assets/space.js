@@ -5,7 +5,8 @@ class SpaceLives extends Lives {
     super(policy, data);
     const rates = data.curvatures.map((bend, i) => Math.hypot(bend, data.torsions[i]) * data.speeds[i]);
     this.rate = Math.max(...rates) || 1; // of turning [rad / time]
-    this.fade = 12 * Math.PI / this.rate; // six turns
+    this.fine = (this.n > TAILS ? 2 : 1) * FINE_TURN / this.rate; // of trails [time]
+    this.fade = Math.min(12 * Math.PI / this.rate, this.fine * MOST_STRANDS / this.n / WINDOWS); // six turns, of many cells less
     this.arc = new Float64Array(20 * this.n);
     this.z = this.tx = this.ty = this.tz = this.nx = this.ny = this.nz = 0; // of the cell that was last asked for
   }
@@ -99,6 +100,10 @@ const Space = {
 
   aimed(low, high, whole) {
     if (whole) ({ low, high } = data.background);
+    else if (data.egg) {
+      const { radius } = data.egg;
+      low = low.map((each, k) => Math.min(each, data.egg[AXES[k]] - radius)); high = high.map((each, k) => Math.max(each, data.egg[AXES[k]] + radius));
+    }
     const sides = high.map((each, k) => each - low[k]), reach = Math.max(0.56 * Math.max(...sides) + 0.4, 1.6);
     const [x, y, z] = low.map((each, k) => (each + high[k]) / 2), scale = Space.fitting(whole ? sides : [2 * reach, 2 * reach, 2 * reach]);
     return { ...camera, x, y, z, scale, reach: whole ? Infinity : reach };

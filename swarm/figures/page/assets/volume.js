@@ -1,6 +1,6 @@
 // The stage in space: walls of water, the egg, trails, flagella and heads, drawn anew with every picture.
 
-const MOST_STRANDS = 30000; // of all trails
+const MOST_STRANDS = 20000; // of all trails
 const WINDOWS = 3; // time that a trail reaches back, in those in which it falls to 1/e
 const FINE_TURN = 0.25; // of a helix, parts of a trail [rad]
 const MOST_WAYS = 30000; // parts of the ways of all cells
@@ -38,7 +38,8 @@ vec2 found(vec3 q, float moment) {
 }
 void main() {
   vec3 q = clamp((at - low) / (high - low), 0.0, 1.0);
-  vec2 held = mix(found(q, frame.x), found(q, frame.y), frame.z);
+  vec2 held = found(q, frame.x);
+  if (frame.z > 0.0) held = mix(held, found(q, frame.y), frame.z);
   float v = clamp(held.r / max(held.g, 1e-3), 0.0, 1.0), f = 4.0 * v;
   vec3 c = mix(ramp[0], ramp[1], min(f, 1.0));
   for (int i = 1; i < 4; i++) c = mix(c, ramp[i + 1], clamp(f - float(i), 0.0, 1.0));
@@ -72,6 +73,7 @@ const STRANDS = `${LENS}
 uniform vec2 half_size; // [pixels]
 uniform float reach, now, fade; // [pixels], [time]
 uniform vec2 ground; // height of the floor, and whether shadows on it are drawn
+uniform vec4 floor_box; // its low and high corner
 in vec4 start; // and when [time]
 in vec3 finish;
 in vec4 tint;
@@ -79,12 +81,13 @@ out vec4 shade;
 out vec3 away;
 void main() {
   vec3 from = start.xyz, to = finish;
+  bool off = any(lessThan(to.xy, floor_box.xy)) || any(greaterThan(to.xy, floor_box.zw));
   if (ground.y > 0.0) from.z = to.z = ground.x;
   vec4 a = seen(from), b = seen(to);
   float age = (now - start.w) / fade, light = tint.a * exp(-age) * smoothstep(3.0, 2.2, age);
   shade = vec4(0.0); away = vec3(0.0);
   gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
-  if (a.w < 0.05 || b.w < 0.05 || light < 0.02 || age < -1e-3) return;
+  if (ground.y > 0.0 && off || a.w < 0.05 || b.w < 0.05 || light < 0.02 || age < -1e-3) return;
   vec2 p = a.xy / a.w * half_size, q = b.xy / b.w * half_size;
   float span = length(q - p);
   vec2 along = span > 1e-6 ? (q - p) / span : vec2(1.0, 0.0), across = vec2(-along.y, along.x);
@@ -184,9 +187,9 @@ class Volume {
     this.wall = made(WALL, BRICK, { film: null, low: vector(), high: vector(), size: vector(), frame: vector(), levels: vector(2), ramp: Array.from({ length: 5 }, () => vector()),
       paper: vector(), line: vector(), contrast: 0 }, null, { depthTest: false });
     this.ball = made(BALL, SHELL, { egg: vector(4), shell: vector() }, null, { depthWrite: true });
-    const strands = { half_size: vector(2), width: vector(2), reach: 4, now: 0, fade: 1, ground: vector(2) };
+    const strands = { half_size: vector(2), width: vector(2), reach: 4, now: 0, fade: 1, ground: vector(2), floor_box: vector(4) };
     this.trails = made(STRANDS, GLOW, strands, "over");
-    this.shadows = made(STRANDS, GLOW, { ...strands, half_size: vector(2), width: vector(2), ground: vector(2) }, "over");
+    this.shadows = made(STRANDS, GLOW, { ...strands, half_size: vector(2), width: vector(2), ground: vector(2), floor_box: vector(4) }, "over");
     this.heads = made(BODIES, BODY, { across: 10, rim: vector() }, "over", { depthWrite: true });
     this.ways = made(TRACKS, WAY, { tint: vector(4) }, "over");
     this.box = new THREE.BufferGeometry();
@@ -206,7 +209,7 @@ class Volume {
     this.renderer.setSize(this.canvas.parentElement.clientWidth, this.canvas.parentElement.clientHeight, false);
     this.panes = shown.map(({ lives, index, x, y, width, height }) => {
       const pane = { lives, index, x, y, width, height, camera: null, now: null, shown: 0, before: new Float32Array(3 * lives.n) };
-      const part = (lives.n > TAILS ? 2 : 1) * FINE_TURN / lives.rate, reach = Math.min(WINDOWS * lives.fade, part * MOST_STRANDS / lives.n);
+      const { fine: part, fade } = lives, reach = WINDOWS * fade;
       Object.assign(pane, { part, reach, ring: new Ring(Math.ceil(1.2 * lives.n * (reach / part + 2))) });
       pane.trails = drawn(THREE.Mesh, pane.ring.geometry, this.trails);
       if (lives.n <= TAILS) {
@@ -309,8 +312,9 @@ class Volume {
       to.half_size.value.set(pane.width * ratio / 2, pane.height * ratio / 2);
       to.width.value.set(thick * ratio, glow); to.reach.value = reach * ratio; to.ground.value.set(...ground);
       to.now.value = now; to.fade.value = fade;
-    }, fade = pane.reach / WINDOWS;
+    }, { fade } = lives;
     if (pane.shadows && box.far[2] === box.low[2]) {
+      this.shadows.uniforms.floor_box.value.set(box.low[0], box.low[1], box.high[0], box.high[1]);
       strand(this.shadows, 0.4, 0.25, 2.5, [box.low[2], 1], 0.5 * fade);
       renderer.render(pane.shadows, this.eye);
     }
