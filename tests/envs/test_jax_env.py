@@ -190,6 +190,25 @@ def test_what_jax_cannot_serve_is_refused_in_one_line(settings, error, said):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("action", "said"),
+    [
+        (jnp.zeros(3), r"action must be whole numbers \(2,\), got \(3,\) of float32"),
+        (jnp.zeros((2, 1), int), r"action must be whole numbers \(2,\), got \(2, 1\) of int32"),
+        ([0, 1], "action must be whole numbers .*, got list"),
+    ],
+)
+def test_an_action_or_a_key_that_is_none_is_refused_when_traced(action, said):
+    env = JaxSwarmEnv(2, life=4.0)
+    _, state = env.reset(jax.random.PRNGKey(0))
+    for step in (env.step, env.step_env):
+        with pytest.raises(TypeError, match=said):
+            step(jax.random.key(0), state, action)
+    for key, got in ((None, "None"), (0, r"\(\) of int32")):
+        with pytest.raises(TypeError, match=rf"key must be one of jax\.random, .* got {got}"):
+            env.reset(key)
+
+
 def test_a_picture_shows_one_world():
     env = JaxSwarmEnv(2, life=2.0)
     picture = env.render(env.reset(jax.random.key(0))[1])

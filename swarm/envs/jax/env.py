@@ -102,14 +102,15 @@ class JaxSwarmEnv:
     @functools.partial(jax.jit, static_argnums=0)
     def step(self, key: Array, state: EnvState, action: Array) -> Step:
         """One decision of every cell, `action` (cells,) whole numbers 0 … m − 1, or curvatures (cells,) or
-        (cells, 1) where these are the actions; where all have finished, the next life begins.
+        (cells, 1) where these are the actions; where all have finished, the next life begins. Raises
+        TypeError for an action of another shape or kind; its values are not looked at.
         """
-        return self._step(_typed(key), state, action)
+        return self._step(_typed(key), state, self._checked(action))
 
     @functools.partial(jax.jit, static_argnums=0)
     def step_env(self, key: Array, state: EnvState, action: Array) -> Step:
         """`step` that leaves finished worlds as they are; it can be differentiated."""
-        return self._advanced(_typed(key), state, action)
+        return self._advanced(_typed(key), state, self._checked(action))
 
     def render(self, state: EnvState) -> np.ndarray:
         """A picture (720, 960, 3) uint8 of one world."""
@@ -118,6 +119,18 @@ class JaxSwarmEnv:
         viewer = Viewer(self.world)
         viewer.follow(state.cells.each(np.asarray))
         return viewer.picture()
+
+    def _checked(self, action: Array) -> Array:
+        """An action of one world; raises TypeError unless it has the shape and the kind of one."""
+        shapes = [(self.n_swimmers,), *([(self.n_swimmers, 1)] if self.world.is_continuous else [])]
+        kind, name = (
+            (jnp.floating, "curvatures") if self.world.is_continuous else (jnp.integer, "whole numbers")
+        )
+        shape, dtype = (getattr(action, each, None) for each in ("shape", "dtype"))
+        if shape not in shapes or not jnp.issubdtype(dtype, kind):
+            got = type(action).__name__ if shape is None else f"{shape} of {dtype}"
+            raise TypeError(f"action must be {name} {' or '.join(map(str, shapes))}, got {got}")
+        return action
 
     # --- arrays with any leading axes: worlds ---------------------------------------------------------------
 
@@ -250,7 +263,13 @@ class JaxSwarmEnv:
 
 
 def _typed(key: Array) -> Array:
-    """A key of the new kind, whichever is given."""
+    """A key of the new kind, whichever is given; raises TypeError for what is none."""
+    dtype = getattr(key, "dtype", None)
+    if dtype is None or not (
+        jnp.issubdtype(dtype, jax.dtypes.prng_key) or (key.ndim and dtype == jnp.uint32)
+    ):
+        got = key if dtype is None else f"{key.shape} of {dtype}"
+        raise TypeError(f"key must be one of jax.random, as jax.random.key(0) makes it, got {got}")
     return key if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(key)
 
 
