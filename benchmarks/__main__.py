@@ -33,7 +33,8 @@ NAMES = (
     "three_dimensions",
     "space_limit",
 )
-FURTHER = ("jax_path", "launchers")  # need a library more; measured where they are named
+# need a library more, or long; measured where they are named
+FURTHER = ("jax_path", "launchers", "binding")
 
 
 def processor() -> str:
