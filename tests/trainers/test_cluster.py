@@ -31,8 +31,8 @@ pytestmark = [pytest.mark.cluster, pytest.mark.filterwarnings("default")]
 LONG = os.environ.get("CLUSTER") == "cluster-long"
 WORDS = [
     *("learning.n_swimmers=2", "learning.hidden=[4]", "learning.batch_size=4", "learning.buffer_size=50"),
-    *("world.life=8", "validation.life=2", "validation.cells=2", "tensorboard=false", "checkpoint_every=15"),
-    f"learning.epochs={600 if LONG else 30}",
+    *("world.life=8", "validation.life=2", "validation.cells=2", "tensorboard=false", "checkpoint_every=40"),
+    f"learning.epochs={800 if LONG else 80}",
     "seed=0,1,2,3,4,5,6,7",
 ]
 SPREAD = [
@@ -181,7 +181,7 @@ def test_a_sweep_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path, monkeypat
     for seed in range(8):
         for name in ("policy.safetensors", "metrics.csv", "settings.yaml", "run.json"):
             assert filecmp.cmp(f"shared/seed={seed}/{name}", f"alone/seed={seed}/{name}", shallow=False)
-    check_only_the_lost_was_done_twice(wreaked, 8 * (40 if LONG else 2))
+    check_only_the_lost_was_done_twice(wreaked, 8 * (20 if LONG else 2))
 
 
 @pytest.mark.slow
