@@ -51,9 +51,9 @@ the same {plan.cells} cells of population seed {plan.seed}, {plan.egg_cells} aro
 
 - **Random, swinging, greedy**: as in the paper.
 - **Adaptive**: the sampled [adaptive cell](../../adaptive_cell.md) with its default numbers.
-- **Minimal**: a network without nodes, searched for in each world by CMA-ES, which goes on as ever more numbers
-  are taken away, until {plan.parameters} are left (see [the smallest brain](../minimal/report.md)); it does not
-  feel the flow.
+- **Minimal**: a network without nodes, searched for in each world by CMA-ES, which goes on as ever more
+  numbers are taken away, until {plan.parameters} are left (see [the smallest brain](../minimal/report.md));
+  it does not feel the flow.
 - **DQN**: recipe `swarm`, trained for each world. **PPO**: [any curvature](../../continuous_steering.md) from
   κ₁ to κ₂ as action; its numbers are those tuned for N_T = 4. Both keep of each training what its validation
   cells prefer.
