@@ -86,6 +86,12 @@ def test_the_two_state_machine_holds_on_to_its_curvature_between_its_thresholds(
     assert (gains(world, found, starts, 0, population="validation").mean(axis=1) > 2.4).all()
 
 
+def test_a_search_without_nodes_leaves_as_many_parameters_as_are_asked_for():
+    pytest.importorskip("cma")
+    plan = MinimalPlan(n_seeds=2, candidates=4, generations=1, fitness_cells=2)
+    assert search.linear(WORLD, plan, 3).parameters.tolist() == [3, 3]
+
+
 def test_a_table_decides_by_bins_of_the_two_newest_records():
     entries = np.zeros((1, 4 * 16))
     tables = LookupTables(4, entries)

@@ -61,9 +61,9 @@ def strategies(
 ) -> None:
     """Hold all strategies against the limit of each world: devised, searched, trained and optimal ones.
 
-    Worlds are those of the paper, or of `experiment=NAME,...`; DQN and PPO are trained for each, and the
-    two-state machine is searched for (chemoswarm[evolution]). Other KEY=VALUE words are settings of every
-    training.
+    Worlds are those of the paper and space, or of `experiment=NAME,...`; DQN and PPO are trained for each,
+    and the smallest brain is searched for (chemoswarm[evolution]). Other KEY=VALUE words are settings of
+    every training.
     """
     from swarm._support import files
     from swarm._support.terminal import Told, print_table

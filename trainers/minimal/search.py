@@ -2,6 +2,7 @@
 two-state machine.
 """
 
+import dataclasses
 import warnings
 from collections.abc import Iterator
 from typing import Any
@@ -106,3 +107,14 @@ def machine(world: World, plan: MinimalPlan) -> Brains:
     free = np.zeros((plan.n_seeds, inputs + 1), bool)
     free[:, [1, -1]] = True
     return searched(world, Brains(weights, biases), free, plan, 900, np.full(plan.n_seeds, 0.3))
+
+
+def linear(world: World, plan: MinimalPlan, parameters: int) -> Brains:
+    """Networks without nodes: all their numbers are searched for, for four times as many generations as after
+    one of them is taken away, which goes on until so many `parameters` are left.
+    """
+    shape = plan.n_seeds, 1, world.observation_size
+    brains = Brains(np.zeros(shape), np.zeros(shape[:2]))
+    longer = dataclasses.replace(plan, generations=4 * plan.generations)
+    brains = searched(world, brains, np.ones_like(brains.flat, bool), longer, 900, np.full(plan.n_seeds, 0.3))
+    return next(each for each in thinned(world, brains, plan, 950) if each.parameters.max() <= parameters)

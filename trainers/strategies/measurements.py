@@ -58,21 +58,21 @@ class WorldFindings(NamedTuple):
 
 
 def minimal(name: str, plan: StrategiesPlan) -> Brains:
-    """The two-state machine of every seed, searched in lives of the world that is trained in."""
+    """The smallest brain of every seed, searched for in lives of the world that is trained in."""
     trained = plan.settings(plan.recipes[0], f"{name}_{DQN}").training_world()
     life = min(trained.life, plan.search.fitness_life)
-    return search.machine(trained.replace(life=life, sense_flow=False), plan.search)
+    return search.linear(trained.replace(life=life, sense_flow=False), plan.search, plan.parameters)
 
 
 def measure(
-    name: str, plan: StrategiesPlan, trained: Mapping[str, Sequence[AnyPolicy]], machines: Brains
+    name: str, plan: StrategiesPlan, trained: Mapping[str, Sequence[AnyPolicy]], smallest: Brains
 ) -> WorldFindings:
     """Live the test's cells under every strategy; `trained` are the policies of all seeds by algorithm."""
     world, continuous = plan.world(name), plan.continuous(name)
     starts = draw_starts(world, plan.cells if world.egg is None else plan.egg_cells, plan.seed)
     policies: dict[str, Sequence[AnyPolicy]] = {
         **trained,
-        MINIMAL: [machines[seed : seed + 1] for seed in range(len(machines))],
+        MINIMAL: [smallest[seed : seed + 1] for seed in range(len(smallest))],
     }
     found: dict[str, Lived | str] = {}
     for strategy in STRATEGIES:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from swarm.physics.world import World
 from trainers.minimal.plan import MinimalPlan
 from trainers.paper.plan import TrainingPlan, around_egg
-from trainers.settings.composition import SettingsError, names_of
+from trainers.settings.composition import SettingsError
 
 WORLDS = ("linear_n2", "linear_n4", "linear_n8", "varying_speed", "taylor_green_aware", "radial", "space")
 DQN, PPO, MINIMAL, OPTIMAL = "dqn", "ppo", "minimal", "optimal"
@@ -16,17 +16,12 @@ STRATEGIES = {  # in the order of the table
     "greedy": "greedy",
     "adaptive": "adaptive, linear",
     "adaptive_on_off": "adaptive, on–off",
-    MINIMAL: "minimal: two-state machine",
+    MINIMAL: "minimal: three parameters",
     DQN: "DQN",
     PPO: "PPO, any curvature",
     OPTIMAL: "optimal",
 }
 TUNED = "tuning=ppo_swarm_continuous_n4"  # of PPO where curvatures are actions
-
-
-def usual_worlds() -> tuple[str, ...]:
-    """Those of WORLDS for which there is an experiment."""
-    return tuple(each for each in WORLDS if each in names_of("experiment"))
 
 
 @dataclass(frozen=True)
@@ -36,9 +31,10 @@ class StrategiesPlan(TrainingPlan):
     recipes: tuple[str, ...] = ("swarm",)
     n_seeds: int = 5
     # experiments, whose tests' worlds those of the table are
-    worlds: tuple[str, ...] = dataclasses.field(default_factory=usual_worlds)
+    worlds: tuple[str, ...] = WORLDS
     experiments: tuple[str, ...] = dataclasses.field(init=False)  # WORLD_ALGORITHM, what is trained
-    generations: int = 30  # of the search for the two-state machine
+    parameters: int = 3  # of the smallest brain
+    generations: int = 15  # of its search, whenever one parameter is taken away
     cells: int = 200  # of a test
     egg_cells: int = 100  # of a test around an egg
     egg_reach: float = 30.0  # they start in a square around it, so far to each side [length]
@@ -70,5 +66,5 @@ class StrategiesPlan(TrainingPlan):
 
     @property
     def search(self) -> MinimalPlan:
-        """How the two-state machine is searched for."""
+        """How the smallest brain is searched for."""
         return MinimalPlan(n_seeds=self.n_seeds, generations=self.generations)

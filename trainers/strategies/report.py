@@ -8,7 +8,7 @@ from swarm._support.tables import NOTHING, Table, percent
 from trainers.paper.claims import Estimate
 from trainers.strategies.illustrations import FIGURE, FOLDER
 from trainers.strategies.measurements import Lived, WorldFindings
-from trainers.strategies.plan import OPTIMAL, PPO, STRATEGIES, StrategiesPlan, usual_worlds
+from trainers.strategies.plan import OPTIMAL, PPO, STRATEGIES, WORLDS, StrategiesPlan
 
 OWN = f"{STRATEGIES[PPO]}, of its own limit"
 LIMIT, ANY = "the limit", "the limit, any curvature"
@@ -37,7 +37,7 @@ def text(plan: StrategiesPlan, found: Mapping[str, WorldFindings]) -> str:
 
 
 def _opening(plan: StrategiesPlan) -> str:
-    words = [] if plan.worlds == usual_worlds() else [f"experiment={','.join(plan.worlds)}"]
+    words = [] if plan.worlds == WORLDS else [f"experiment={','.join(plan.worlds)}"]
     words += [*plan.words, *([] if plan.n_seeds == StrategiesPlan.n_seeds else [f"--seeds {plan.n_seeds}"])]
     versions = ", ".join(f"{name} {version}" for name, version in provenance.versions().items())
     return f"""# All strategies
@@ -51,12 +51,13 @@ the same {plan.cells} cells of population seed {plan.seed}, {plan.egg_cells} aro
 
 - **Random, swinging, greedy**: as in the paper.
 - **Adaptive**: the sampled [adaptive cell](../../adaptive_cell.md) with its default numbers.
-- **Minimal**: the two-state machine, three parameters (see [the smallest brain](../minimal/report.md)),
-  searched for in each world by CMA-ES for {plan.generations} generations. It does not feel the flow.
+- **Minimal**: a network without nodes, searched for in each world by CMA-ES, which goes on as ever more
+  numbers are taken away, until {plan.parameters} are left (see [the smallest brain](../minimal/report.md));
+  it does not feel the flow.
 - **DQN**: recipe `swarm`, trained for each world. **PPO**: [any curvature](../../continuous_steering.md) from
   κ₁ to κ₂ as action; its numbers are those tuned for N_T = 4. Both keep of each training what its validation
   cells prefer.
-- **Optimal**: dynamic programming with full knowledge of the pose, for two curvatures.
+- **Optimal**: dynamic programming with full knowledge of the pose, for two actions.
 
 What is trained or searched for has {plan.n_seeds} independent seeds, all of which count: intervals are 95%,
 Student's, over training seeds and test cells, which are crossed; of the others over the cells. Fractions are
@@ -82,7 +83,7 @@ def _fractions(found: Mapping[str, WorldFindings]) -> str:
     return f"""## Of the limit
 
 {fractions(found).as_markdown()}
-The limit is that of two curvatures; any curvature of the range between them allows a little more, of which
+The limit is that of two actions; any curvature of the range between them allows a little more, of which
 the line below PPO's is.
 
 ![What part of the limit every strategy attains in every world]({FOLDER}/{FIGURE})

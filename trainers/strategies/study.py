@@ -29,22 +29,22 @@ def study(plan: StrategiesPlan, out: Path, publish: Path | None = None) -> dict[
 
     Raises ReproductionError, SettingsError, ImportError, KeyboardInterrupt or OSError.
     """
-    check_installed("the search for the two-state machine needs", "cma", extra="evolution")
+    check_installed("the search for the smallest brain needs", "cma", extra="evolution")
     for folder in (out, publish or out):
         DELIVERY.check(folder)
     planned = trainings(plan, out)
     stacks.train(plan, planned)
-    searches = [Task(f"two-state machine in {name}", minimal, (name, plan)) for name in plan.worlds]
-    machines = do(plan.executor(), searches, "searches")
+    searches = [Task(f"smallest brain in {name}", minimal, (name, plan)) for name in plan.worlds]
+    brains = do(plan.executor(), searches, "searches")
     tests = []
-    for name, machine in zip(plan.worlds, machines, strict=True):
+    for name, smallest in zip(plan.worlds, brains, strict=True):
         of_world = {each.experiment: stacks.policies_of(each) for each in planned}
         trained = {
             experiment.rsplit("_", 1)[1]: policies
             for experiment, policies in of_world.items()
             if experiment.rsplit("_", 1)[0] == name
         }
-        tests.append(Task(name, measure, (name, plan, trained, machine)))
+        tests.append(Task(name, measure, (name, plan, trained, smallest)))
     found = dict(zip(plan.worlds, do(plan.executor(), tests, "tests"), strict=True))
     with staging(out) as staged:
         _write(staged, plan, found, planned)
