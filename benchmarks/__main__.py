@@ -31,9 +31,11 @@ NAMES = (
     "spread_path",
     "adaptive_cell",
     "continuous_steering",
+    "three_dimensions",
     "space_limit",
 )
-FURTHER = ("jax_path",)  # need a library more; measured where they are named
+# need a library more, or long; measured where they are named
+FURTHER = ("jax_path", "launchers", "binding")
 
 
 def processor() -> str:

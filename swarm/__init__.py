@@ -54,6 +54,7 @@ from swarm.policies.strategies import FromObservation, Greedy, Random, Swinging
 _LAZY = {
     "Network": "policies.network",
     "Optimal": "optimal.physical_limit",
+    "RecurrentNetwork": "policies.network",
     "SpermSwarmVector": "envs.gymnasium",
     "contest": "population.contests",
     "export_policy": "policies.export",
@@ -86,6 +87,7 @@ __all__ = [
     "PoiseuilleFlow",
     "RadialField",
     "Random",
+    "RecurrentNetwork",
     "ReleasedSource",
     "ReleasingSource",
     "ShearAroundSphere",

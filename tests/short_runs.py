@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 from safetensors.torch import load_file
 
-from trainers.settings.learning import DQNSettings, PPOSettings
+from trainers.settings.learning import ALGORITHMS
 from trainers.settings.schema import EvaluationSettings, Settings, ValidationSettings
 from trainers.training import loop as training
 from trainers.training import run as running
@@ -30,21 +30,22 @@ SWARM = {
     "keep": "best",
 }
 PAPER = {"batch_size": 16, "buffer_size": 60}
+DRQN = SWARM | {"nodes": 5, "hidden": [], "burn_in": 3, "n_steps": 2}
 PPO = {"n_swimmers": 5, "collect": 4, "passes": 2, "batch_size": 8}
 
 
 def short_settings(recipe="swarm", world=None, learning=None, validation=None, **changes):
     """Settings of a run of six epochs of a few decisions."""
-    base = {"swarm": SWARM, "paper": PAPER, "ppo": PPO}[recipe]
+    base = {"swarm": SWARM, "paper": PAPER, "ppo": PPO, "drqn": DRQN}[recipe]
     values = {"epochs": 6, "hidden": [6, 6]} | base | (learning or {})
     if "evaluation" in changes:
         changes["evaluation"] = EvaluationSettings(**changes["evaluation"])
     defaults = {"recipe": recipe, "checkpoint_every": 2, "tensorboard": False, "compile": "never", "seed": 3}
-    kind = PPOSettings if recipe == "ppo" else DQNSettings
+    algorithm = recipe if recipe in ("ppo", "drqn") else "dqn"
     return Settings(
-        algorithm="ppo" if recipe == "ppo" else "dqn",
+        algorithm=algorithm,
         world={"life": 4.0} | (world or {}),
-        learning=kind(**values),
+        learning=ALGORITHMS[algorithm](**values),
         validation=ValidationSettings(**({"cells": 3, "life": 4.0, "every": 2} | (validation or {}))),
         **(defaults | changes),
     )

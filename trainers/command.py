@@ -8,6 +8,8 @@ import signal
 import sys
 from types import FrameType
 
+LEARN = ("train", "study", "minimal", "reproduce")  # commands whose extra brings all that others need, too
+
 
 def main() -> None:
     """Run the command line; Ctrl-C and SIGTERM end it with a line, whenever they come."""
@@ -69,7 +71,8 @@ def _missing() -> str:
     try:
         import trainers.settings  # noqa: F401
     except ModuleNotFoundError as error:
-        return str(error)
+        line, word = str(error), sys.argv[1] if sys.argv[1:] else ""
+        return line.replace("[results]", "[train]") if word in LEARN else line
     raise
 
 

@@ -149,9 +149,9 @@ def new_folder(path: str | os.PathLike) -> Iterator[Path]:
         raise FileExistsError(f"{target} must be a new folder, not the current one")
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = _sibling(target)
-    temporary.mkdir()
     try:
         with naming(target, temporary):
+            temporary.mkdir()
             yield temporary
             for file in temporary.rglob("*"):
                 _flush(file)

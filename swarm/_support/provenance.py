@@ -15,16 +15,20 @@ _PACKAGES = ("numpy", "scipy", "torch", "torchrl", "tensordict")
 
 def versions(*packages: str) -> dict[str, str]:
     """Versions of Python, of this software and of the `packages` (default: those that numbers depend on)."""
-    found = {"python": platform.python_version(), "chemoswarm": __version__}
-    for name in packages or _PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
+    found = {name: _version(name) for name in packages or _PACKAGES}
+    own = {"python": platform.python_version(), "chemoswarm": __version__}
+    return own | {name: version for name, version in found.items() if version is not None}
 
 
 @functools.cache  # the code that runs stays what it was when it was loaded
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+@functools.cache
 def commit() -> str | None:
     """The commit of this source tree, followed by "-dirty" where files differ; None for an installed copy."""
     root = Path(__file__).resolve().parents[2]

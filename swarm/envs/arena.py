@@ -15,6 +15,7 @@ from gymnasium.logger import warn
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
 from swarm._support.checks import check_count, check_installed, check_name, check_options
+from swarm.envs.spaces import state_table
 from swarm.physics.crowd.medium import MediumState
 from swarm.physics.starts import Draws, SpreadStarts, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
@@ -103,8 +104,8 @@ class Arena:
 
         `seed` begins with its episode 0; without it the next episode of the seed in use begins, and where
         there is none yet, one is drawn from the operating system. A list gives each cell a seed of its own,
-        and where it holds None, its own next episode or a drawn one's first. Poses may be given:
-        `options["position"]` (cells, 2) [length], `options["heading"]` (cells,) [rad].
+        and where it holds None, its own next episode or a drawn one's first. Poses in `options`: "position"
+        (cells, 2) [length], "heading" (cells,) [rad]; in space (cells, 3) and unit quaternions (cells, 4).
         """
         seeds, episode = self._next(seed)
         state, action = self._begin(seeds, episode, check_options(options))
@@ -215,9 +216,8 @@ class Arena:
         return found | {"eaten": found["eaten"] - self.eaten} if "eaten" in found else found
 
     def table(self) -> np.ndarray:
-        """x, y [length], heading in [−π, π] [rad] and curvature [1 / length] of every cell (cells, 4)."""
-        curvature = self.world.curvature_of(self.action, self.state.position)
-        return np.column_stack([self.state.position, self.world.heading_angle(self.state), curvature])
+        """The state of every cell, see [`state_table`][swarm.envs.spaces.state_table]."""
+        return state_table(self.world, self.state, self.world.curvature_of(self.action, self.state.position))
 
     def _draw(self) -> np.ndarray | None:
         """This decision's random numbers (cells, 3), or None in a world without noise."""
@@ -240,10 +240,10 @@ class Arena:
             wrong = ~np.isfinite(values).reshape(self.n_swimmers, -1).all(axis=-1)
             if wrong.any():
                 i = int(wrong.argmax())
-                x, y = state.position[i]
+                place = ", ".join(f"{each:g}" for each in state.position[i])
                 raise ValueError(
                     f"field and flow must give finite numbers, got {name} {values[i]} for swimmer_{i} at "
-                    f"({x:g}, {y:g}) from {self.world.field!r} and {self.world.flow!r}"
+                    f"({place}) from {self.world.field!r} and {self.world.flow!r}"
                 )
 
     def _option(self, options: dict[str, Any], name: str, drawn: np.ndarray) -> np.ndarray:

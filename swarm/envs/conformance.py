@@ -45,8 +45,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
     },
     "a race": {"field": "radial", "first_arrivals": 2, "start_box": ((-2, 2), (-2, 2)), "binding_rate": 10.0},
     "many curvatures": {"curvatures": tuple(np.linspace(3, 5, 9)), "n_records": 2, "interval_rule": "exact"},
-    "few decisions": {"max_cycles": 5},
-    "continuous steering": {"action": "continuous", "curvature_range": (-1.0, 5.0)},
+    "continuous, few decisions": {"action": "continuous", "curvature_range": (-1.0, 5.0), "max_cycles": 5},
+    "three dimensions": {"torsions": (7.7, 5.7), "curvatures": (5.5, 7.5), "speed": 2.0, "life": 3.0},
 }
 
 

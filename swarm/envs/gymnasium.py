@@ -11,7 +11,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from swarm._support.checks import check_count, check_name, check_options
-from swarm.envs.actions import action_space, checked
 from swarm.envs.arena import (
     RENDER_FPS,
     RENDER_MODES,
@@ -21,6 +20,7 @@ from swarm.envs.arena import (
     make_world,
     with_parameters,
 )
+from swarm.envs.spaces import action_space, checked
 from swarm.physics.world import World
 
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
@@ -88,9 +88,9 @@ class SpermSwarmVector(Watched, VectorEnv):
         `seed` begins a stream of episodes; without it the next episode of the stream begins. A list of a seed
         or None for each cell gives each its own stream, that of the single environment with that seed; with
         None a cell's own stream goes on, or one that is drawn begins.
-        `options["position"]` (cells, 2) [length] and `options["heading"]` (cells,) [rad] set poses; with
-        `options["reset_mask"]` (cells,) bool only those cells begin their next life, at their rows of the
-        poses. Others are ignored.
+        `options["position"]` (cells, 2) [length] and `options["heading"]` (cells,) [rad], in space (cells, 3)
+        and unit quaternions (cells, 4), set poses; with `options["reset_mask"]` (cells,) bool only those
+        cells begin their next life, at their rows of the poses. Others are ignored.
         """
         cells = self._reset_mask(seed, options)
         if cells is None:
@@ -141,7 +141,7 @@ class SpermSwarmVector(Watched, VectorEnv):
         return observation, reward, terminated, truncated, info | self._info()
 
     def state(self) -> np.ndarray:
-        """x, y [length], heading [rad] and curvature [1 / length] of every cell (cells, 4)."""
+        """The state of every cell (cells, 4), in space (cells, 7), as the PettingZoo face has it."""
         self._begun()
         return self.arena.table()
 

@@ -8,7 +8,8 @@
 | terminated | the cell's path came within reach of the egg |
 | truncated | its life is over, it left its field's or flow's domain, or `max_cycles` is reached |
 | info | `gain`: c(t) − c(0) [concentration]; `eaten` with a medium; `arrival_time`, `won` in a race |
-| state | (N, 4): x, y [length], heading [rad] in [−π, π], curvature of the last interval [1 / length] |
+| state | (N, 4): x, y [length], heading [rad] in [−π, π], curvature of the last interval [1 / length]; \
+in space (N, 7): x, y, z and the unit quaternion w, x, y, z that turns the cell's frame into the lab's |
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ from pettingzoo.utils.env import AECEnv
 from pettingzoo.utils.wrappers import AssertOutOfBoundsWrapper, OrderEnforcingWrapper
 
 from swarm._support import streams
-from swarm.envs.actions import action_space, checked_one
 from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, Watched, make_world, with_parameters
+from swarm.envs.spaces import action_space, checked_one, state_bounds
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow
 from swarm.physics.world import World
@@ -138,7 +139,7 @@ class SpermSwarm(Watched, ParallelEnv):
         return self._observation_spaces[agent]
 
     def action_space(self, agent: str) -> Discrete | Box:
-        """Discrete(m), or a Box (1,) of curvatures; see `swarm.envs.actions`."""
+        """Discrete(m), or a Box (1,) of curvatures; see `swarm.envs.spaces`."""
         if agent not in self._action_spaces:
             self._index[agent]  # raises
             self._action_spaces[agent] = action_space(self.world)
@@ -180,8 +181,8 @@ class SpermSwarm(Watched, ParallelEnv):
         """Begin a life of every cell.
 
         `seed` begins a stream of episodes; without it the next episode of the stream begins.
-        `options["position"]` (N, 2) [length] and `options["heading"]` (N,) [rad] set poses, inside the start
-        box or not; other options are ignored.
+        `options["position"]` (N, 2) [length] and `options["heading"]` (N,) [rad], in space (N, 3) and unit
+        quaternions (N, 4), set poses, inside the start box or not; other options are ignored.
         """
         if seed is not None:
             seed = streams.check_seed(seed)
@@ -244,7 +245,7 @@ class SpermSwarm(Watched, ParallelEnv):
         return infos
 
     def state(self) -> np.ndarray:
-        """x, y, heading and curvature (N, 4) of every cell, also of those that have finished."""
+        """The state (N, 4), in space (N, 7), of every cell, also of those that have finished."""
         self._check_begun()
         return self.arena.table()
 
@@ -307,11 +308,8 @@ class SpermSwarm(Watched, ParallelEnv):
         )
 
     def _make_state_space(self) -> Box:
-        dtype, kappa = self.arena.dtype, self.world.curvature_bounds
-        anywhere = np.finfo(dtype).max
-        low = np.array([-anywhere, -anywhere, -np.pi, kappa[0]], dtype)
-        high = np.array([anywhere, anywhere, np.pi, kappa[-1]], dtype)
-        cells = (len(self.possible_agents), 1)
+        dtype, cells = self.arena.dtype, (len(self.possible_agents), 1)
+        low, high = np.nan_to_num(np.array(state_bounds(self.world), dtype))
         return Box(np.tile(low, cells), np.tile(high, cells), dtype=dtype)
 
 

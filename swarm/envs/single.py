@@ -10,8 +10,8 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from swarm._support.streams import check_seed
-from swarm.envs.actions import action_space, checked_one, rule_of
 from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, Watched, make_world, with_parameters
+from swarm.envs.spaces import action_space, checked_one, rule_of
 from swarm.physics.world import World
 
 
@@ -49,8 +49,8 @@ class SpermSwimmer(Watched, gymnasium.Env):
         """Begin a life; returns the observation (N_T · features,) float32 and info.
 
         `seed` begins a stream of episodes; without it the next episode of the stream begins.
-        `options["position"]` (1, 2) [length] and `options["heading"]` (1,) [rad] set the pose; other options
-        are ignored.
+        `options["position"]` (1, 2) [length] and `options["heading"]` (1,) [rad], in space (1, 3) and a unit
+        quaternion (1, 4), set the pose; other options are ignored.
         """
         observation = self.arena.reset(None if seed is None else check_seed(seed), options)
         super().reset(seed=None if seed is None else self.arena.seeds[0])
@@ -77,7 +77,7 @@ class SpermSwimmer(Watched, gymnasium.Env):
         return observation[0], float(reward[0]), ended, over, self._info()
 
     def state(self) -> np.ndarray:
-        """x, y [length], heading [rad] and curvature [1 / length] (1, 4)."""
+        """The cell's state (1, 4), in space (1, 7), as the PettingZoo face has it."""
         self._check_begun()
         return self.arena.table()
 

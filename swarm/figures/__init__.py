@@ -5,7 +5,7 @@ Every function of a figure takes results and returns a matplotlib Figure; `save`
 
 import swarm.figures.backend  # noqa: F401, first of all that loads Matplotlib
 from swarm.figures.plots.life import comparison, path_of
-from swarm.figures.plots.populations import centrelines, centrelines_and_gains, gains, radial
+from swarm.figures.plots.populations import centrelines, centrelines_and_gains, distribution, gains, radial
 from swarm.figures.plots.trends import Curve, Sweep, groups, noise_sweep, sweeps, training
 from swarm.figures.style import plain, save
 
@@ -15,6 +15,7 @@ __all__ = [
     "centrelines",
     "centrelines_and_gains",
     "comparison",
+    "distribution",
     "gains",
     "groups",
     "noise_sweep",

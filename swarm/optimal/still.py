@@ -24,6 +24,7 @@ from swarm.physics.motion.arc import Pose, arc
 HEADINGS = 2048  # of the table the limit is read from
 KEPT_HEADINGS = 512  # of the tables for all times, which the policy looks ahead in
 KEPT_NUMBERS = 2**24  # of all these tables together, at most
+READ = 2**13  # cells whose numbers fit a processor's cache
 
 
 @dataclass(frozen=True)
@@ -91,12 +92,17 @@ class _Arc:
 
 def _read(table: np.ndarray, heading: np.ndarray, row: np.ndarray | None = None) -> np.ndarray:
     """`table` (headings,), or of (rows, headings) the `row` (cells,), at `heading` (cells,) [rad]."""
+    if len(heading) > READ:
+        parts = range(0, len(heading), READ)
+        rows = [None if row is None else row[at : at + READ] for at in parts]
+        read = [_read(table, heading[at : at + READ], own) for at, own in zip(parts, rows, strict=True)]
+        return np.concatenate(read)
     headings = table.shape[-1]
     steps = heading * (headings / (2 * np.pi))
     lower = np.floor(steps)
     first = 0 if row is None else row * headings
-    flat = table.reshape(-1)
+    flat, near = table.reshape(-1), lower.astype(np.int64)
     total = np.zeros(heading.shape)
     for node, weight in zip(CUBIC, lagrange(steps - lower, CUBIC), strict=True):
-        total += weight * flat[first + (lower.astype(np.int64) + node) % headings]
+        total += weight * flat[first + (near + node) % headings]
     return total

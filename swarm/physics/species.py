@@ -1,6 +1,6 @@
 """Species: what is measured of swimmers, in physical units and with its source, and worlds made of it.
 
-Values were recalled from the papers and are fitted to nothing.
+Values were recalled from the papers, whose abstracts state none of them, and are fitted to nothing.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -73,6 +73,7 @@ class AdaptiveSteering(Checked):
     or ValueError that names the parameter and its rule.
     """
 
+    deterministic: ClassVar[bool] = True
     relaxation: float | None = parameter(None, optional(check_number), above=0.0)  # σ [time]
     adaptation: float | None = parameter(None, optional(check_number), above=0.0)  # μ [time]
     gain: float | tuple[float, float] | None = parameter(None, optional(check_gain))  # g [1 / length]

@@ -15,7 +15,7 @@ import numpy as np
 from swarm._support import files
 from swarm._support.checks import check_name
 from swarm.physics.perception import SENSORS
-from swarm.policies.network import Network
+from swarm.policies.network import Network, RecurrentNetwork
 from swarm.policies.policy_file import PolicyError
 
 OPSET, IR_VERSION = 17, 8  # of ONNX, which runtimes since 2022 know
@@ -33,22 +33,30 @@ class Cost(NamedTuple):
 
 def cost(network: Network) -> Cost:
     """What a decision of one cell takes, but for the scale of a curvature."""
-    multiplications = sum(weight.size for weight in network.weights)
-    parameters = multiplications + sum(bias.size for bias in network.biases)
-    return Cost(parameters, 4 * parameters, multiplications, sum(bias.size for bias in network.biases[:-1]))
+    arrays = network.tensors.values()
+    parameters, multiplications = (sum(each.size for each in arrays if each.ndim >= axes) for axes in (1, 2))
+    tanhs = sum(bias.size for bias in network.biases[:-1])
+    if isinstance(
+        network, RecurrentNetwork
+    ):  # three for each node, of which two are sigmoids, and as many products
+        multiplications, tanhs = (each + 3 * network.memory.nodes for each in (multiplications, tanhs))
+    return Cost(parameters, 4 * parameters, multiplications, tanhs)
 
 
 def export_policy(network: Network, path: str | os.PathLike, format: str) -> Cost:
     """Writes a network as "onnx", "c" or "json" to a new file, whole or not at all; returns what it costs.
 
     All take an observation (N_T · features) in float32, whose numbers are named in the file, and give a value
-    per action, or the curvature of a network that chooses one. Raises FileExistsError where there is
-    something at `path`, PolicyError where ONNX is asked for and the package `onnx` is missing.
+    per action, or the curvature of a network that chooses one; a recurrent network, which goes to JSON alone,
+    takes the newest records. Raises FileExistsError where there is something at `path`, PolicyError where
+    ONNX is asked for and the package `onnx` is missing.
     """
     encode = FORMATS[check_name("format", format, FORMATS)]
     target = files.expanded(path)
     if not isinstance(network, Network):
         raise PolicyError(f"policy must be a network to be exported, got {network!r}")
+    if isinstance(network, RecurrentNetwork) and format != "json":
+        raise PolicyError(f"format must be json for a recurrent network, got {format!r}")
     if target.exists() or target.is_symlink():
         raise FileExistsError(f"{target} must be a new file: what is there is never overwritten")
     files.write_bytes(target, encode(network, _identifier(target.name.partition(".")[0])))
@@ -63,7 +71,8 @@ def input_names(network: Network) -> list[str]:
         names = list(SENSORS.make(network.sensor).names)
     except (TypeError, ValueError):  # a stranger's own
         names = ["concentration", "curvature", *(f"number_{i}" for i in range(2, network.features))]
-    return [f"{name}_{record}" for record in range(network.n_records) for name in names]
+    records = network.n_seen if isinstance(network, RecurrentNetwork) else network.n_records
+    return [f"{name}_{record}" for record in range(records) for name in names]
 
 
 def _json(network: Network, name: str) -> bytes:
@@ -73,6 +82,8 @@ def _json(network: Network, name: str) -> bytes:
     ]
     layers[-1]["activation"] = "identity"
     about = {"name": name, "card": network.card, "inputs": input_names(network), "layers": layers}
+    if isinstance(network, RecurrentNetwork):
+        about["memory"] = {part: _numbers(array) for part, array in network.memory.arrays.items()}
     return (json.dumps(about, indent=1, ensure_ascii=False) + "\n").encode()
 
 

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -24,15 +23,14 @@ from swarm._support.checks import check_name
 from swarm._support.registry import TYPE
 from swarm.physics import perception
 from swarm.physics.world import State, World
+from swarm.policies.layers import GRU, Dense, as_rows, in_blocks
 from swarm.policies.policy_file import (
     MAX_FILE,
-    MAX_LAYERS,
-    MAX_SIZE,
+    MEMORY,
     POLICY_FILE,
     SENSORS,
     PolicyError,
     check_card,
-    check_shape,
     check_tensors,
 )
 
@@ -40,7 +38,6 @@ Array = Any
 
 ZOO = "zoo:"  # what names of shipped policies begin with
 SUFFIX = ".safetensors"
-BLOCK = 64  # rows that are always computed together
 
 
 class Network:
@@ -57,23 +54,37 @@ class Network:
     deterministic = True
 
     def __init__(self, weights: Sequence[Any], biases: Sequence[Any], card: dict[str, Any]) -> None:
-        self.weights = tuple(_layer(f"layers.{i}.weight", array) for i, array in enumerate(weights))
-        self.biases = tuple(_layer(f"layers.{i}.bias", array) for i, array in enumerate(biases))
-        _check_chain(self.weights, self.biases)
+        self.layers = Dense(weights, biases)
+        self.weights, self.biases = self.layers.weights, self.layers.biases
         self.card = check_card({**card, "n_actions": card.get("n_actions", self.n_actions)})
-        rule, size = "card must describe the network", self.n_records * self.features
-        if size != self.n_inputs:
-            product = f"n_records × features is {self.n_records} × {self.features} = {size}"
-            raise PolicyError(f"{rule}: {product}, got {self.n_inputs} inputs")
+        rule = "card must describe the network"
+        self._check_inputs(rule)
         if self.card["n_actions"] != self.n_actions:
             stated = self.card["n_actions"]
             raise PolicyError(f"{rule}: n_actions is {stated}, got {self.n_actions} outputs")
         if self.curvature_range is not None and self.n_actions != 1:
             raise PolicyError(f"{rule}: a curvature_range goes with one output, got {self.n_actions}")
 
+    def _check_inputs(self, rule: str) -> None:
+        """Raises PolicyError unless the first layer takes what cells observe."""
+        size = self.n_records * self.features
+        if size != self.n_inputs:
+            product = f"n_records × features is {self.n_records} × {self.features} = {size}"
+            raise PolicyError(f"{rule}: {product}, got {self.n_inputs} inputs")
+
     def __repr__(self) -> str:
-        nodes = "-".join(str(size) for size in (self.n_inputs, *(len(bias) for bias in self.biases)))
-        return f"Network({nodes}, n_records={self.n_records}, features={self.features})"
+        name, nodes = type(self).__name__, "-".join(map(str, self.sizes))
+        return f"{name}({nodes}, n_records={self.n_records}, features={self.features})"
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers that it takes, nodes of each layer, and outputs."""
+        return (self.n_inputs, *(len(bias) for bias in self.biases))
+
+    @property
+    def tensors(self) -> dict[str, np.ndarray]:
+        """All its numbers, by their names in a policy file."""
+        return self.layers.tensors
 
     @property
     def n_inputs(self) -> int:
@@ -115,39 +126,27 @@ class Network:
     def fingerprint(self) -> str:
         """SHA-256 of its numbers and its card."""
         digest = hashlib.sha256(json.dumps(self.card, sort_keys=True).encode())
-        for array in (*self.weights, *self.biases):
+        for array in self.tensors.values():
             digest.update(array.tobytes())
         return digest.hexdigest()
 
-    @cached_property
-    def _transposed(self) -> tuple[np.ndarray, ...]:
-        return tuple(np.ascontiguousarray(weight.T) for weight in self.weights)
-
     def values(self, observation: Array) -> np.ndarray:
-        """Q-values (..., m) float32 of observations (..., inputs).
-
-        Rows are computed in blocks of a fixed size, the last one padded, so that a cell's values are the same
-        to the last bit whatever the number of cells.
+        """Q-values (..., m) float32 of observations (..., inputs), the same to the last bit whatever the
+        number of cells.
         """
         inputs = np.asarray(observation, np.float32)
         if inputs.shape[-1:] != (self.n_inputs,):
             raise PolicyError(
                 f"observation must end in {self.n_inputs} numbers, got the shape {inputs.shape}"
             )
-        rows = math.prod(inputs.shape[:-1])
-        padded = np.zeros((-(-rows // BLOCK), BLOCK, self.n_inputs), np.float32)
-        padded.reshape(-1, self.n_inputs)[:rows] = inputs.reshape(rows, self.n_inputs)
-        hidden = padded
-        for weight, bias in zip(self._transposed[:-1], self.biases[:-1], strict=True):
-            hidden = np.matmul(hidden, weight)
-            hidden += bias
-            np.tanh(hidden, out=hidden)
-        output = np.matmul(hidden, self._transposed[-1]) + self.biases[-1]
-        return output.reshape(-1, self.n_actions)[:rows].reshape(*inputs.shape[:-1], self.n_actions)
+        return as_rows(self.layers(in_blocks(inputs)), inputs.shape[:-1])
 
     def __call__(self, observation: Array) -> np.ndarray:
         """Best actions (...) for observations (..., inputs); curvatures in float64."""
-        values = self.values(observation)
+        return self.best(self.values(observation))
+
+    def best(self, values: np.ndarray) -> np.ndarray:
+        """The action (...) of values (..., m)."""
         if self.curvature_range is None:
             return np.argmax(values, axis=-1)
         low, high = self.curvature_range
@@ -161,7 +160,10 @@ class Network:
         """
         self.check_fits(world)
         observation = perception.observe(state.memory[..., : self.features])
-        action = self(observation)
+        return self._as_action(self(observation), state)
+
+    def _as_action(self, action: np.ndarray, state: State) -> Array:
+        """In the array library of the state."""
         if self.curvature_range is not None:
             return as_array(action, state.memory)
         return namespace(state.memory).asarray(action)
@@ -192,6 +194,77 @@ class Network:
             )
 
 
+class RecurrentNetwork(Network):
+    """Q-values by a network that remembers: a [`GRU`][swarm.policies.layers.GRU] is shown the newest records,
+    as many as its inputs are, and layers as of a `Network` take its hidden state.
+
+    It is a `CarryingPolicy`: what it carries is the hidden state (..., cells, nodes), at first 0. Raises
+    PolicyError unless memory, layers and card agree.
+    """
+
+    def __init__(
+        self, memory: Mapping[str, Any], weights: Sequence[Any], biases: Sequence[Any], card: dict[str, Any]
+    ) -> None:
+        self.memory = GRU(memory)
+        super().__init__(weights, biases, card)
+
+    def _check_inputs(self, rule: str) -> None:
+        whole = self.n_inputs % self.features == 0 and 2 <= self.n_seen <= self.n_records
+        if not whole or self.weights[0].shape[1] != self.memory.nodes:
+            raise PolicyError(
+                f"{rule}: its memory takes {self.features} numbers of each of 2 to {self.n_records} records, "
+                f"and gives {self.memory.nodes} to the first layer, got {self.n_inputs} and "
+                f"{self.weights[0].shape[1]}"
+            )
+
+    @property
+    def n_inputs(self) -> int:
+        """Numbers that it is shown."""
+        return self.memory.inputs
+
+    @property
+    def n_seen(self) -> int:
+        """Records that it is shown, the newest."""
+        return self.n_inputs // self.features
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers that it is shown, nodes of its memory and of each layer, and outputs."""
+        return (self.n_inputs, self.memory.nodes, *super().sizes[1:])
+
+    @property
+    def tensors(self) -> dict[str, np.ndarray]:
+        """All its numbers, by their names in a policy file."""
+        return super().tensors | self.memory.tensors
+
+    def values(self, observation: Array) -> np.ndarray:
+        """Raises PolicyError: see `advanced`."""
+        raise PolicyError("a recurrent network must be played by begin and act_carrying, got no hidden state")
+
+    def advanced(self, observation: Array, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Q-values (..., m) of observations (..., n_seen · features), and the hidden state (..., nodes) after
+        them, in float32; the same to the last bit whatever the number of cells.
+        """
+        seen = np.asarray(observation, np.float32)
+        after = self.memory(in_blocks(seen), in_blocks(hidden))
+        cells = seen.shape[:-1]
+        return as_rows(self.layers(after), cells), as_rows(after, cells)
+
+    def begin(self, world: World, state: State) -> np.ndarray:
+        """Nothing is remembered; raises PolicyError where the network does not fit the world."""
+        self.check_fits(world)
+        return np.zeros((*state.finished.shape, self.memory.nodes), np.float32)
+
+    def act_carrying(
+        self, world: World, state: State, uniform: Array | None, carry: np.ndarray
+    ) -> tuple[Array, np.ndarray]:
+        """Best actions (..., cells), and the hidden state after them."""
+        self.check_fits(world)
+        seen = perception.observe(state.memory[..., : self.n_seen, : self.features])
+        values, carry = self.advanced(seen, carry)
+        return self._as_action(self.best(values), state), carry
+
+
 def _told(sensor: str | dict[str, Any]) -> str:
     if isinstance(sensor, str):
         return sensor
@@ -201,10 +274,7 @@ def _told(sensor: str | dict[str, Any]) -> str:
 
 def save_policy(network: Network, path: str | os.PathLike) -> None:
     """Writes the network and its card as safetensors, whole or not at all; always in the same bytes."""
-    layers = {}
-    for i, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-        layers[f"layers.{i}.weight"], layers[f"layers.{i}.bias"] = weight, bias
-    tensors.write(path, layers, network.card)
+    tensors.write(path, network.tensors, network.card)
 
 
 def load_policy(name: str | os.PathLike) -> Network:
@@ -231,9 +301,10 @@ def _read(path: Path, source: str) -> Network:
     """The network of a policy file; `source` names it in errors."""
     try:
         layers, card = tensors.read(path, lambda card, shapes: check_tensors(shapes), at_most=MAX_FILE)
+        memory = {part: layers.pop(f"memory.{part}") for part in MEMORY if f"memory.{part}" in layers}
         sizes = range(len(layers) // 2)
         weights, biases = ([layers[f"layers.{i}.{part}"] for i in sizes] for part in ("weight", "bias"))
-        return Network(weights, biases, card)
+        return RecurrentNetwork(memory, weights, biases, card) if memory else Network(weights, biases, card)
     except FileNotFoundError:
         raise PolicyError(
             f"{source} must be a policy file or a folder with a {POLICY_FILE}: it is not there"
@@ -254,33 +325,3 @@ def _load_from_zoo(name: str) -> Network:
     except ValueError as error:
         raise PolicyError(str(error)) from None
     return _read(Path(str(resources.files("swarm") / "zoo" / f"{name}{SUFFIX}")), ZOO + name)
-
-
-def _layer(name: str, array: Any) -> np.ndarray:
-    result = np.array(array, dtype=np.float32, order="C")
-    check_shape(name, result.shape)
-    beyond = ~(np.abs(result) <= MAX_SIZE)  # NaN too
-    if np.any(beyond):
-        raise PolicyError(
-            f"{name} must hold finite numbers of size {MAX_SIZE:g} at most, got {result[beyond][0]:g}"
-        )
-    result.flags.writeable = False
-    return result
-
-
-def _check_chain(weights: Sequence[np.ndarray], biases: Sequence[np.ndarray]) -> None:
-    if len(weights) != len(biases) or not 1 <= len(weights) <= MAX_LAYERS:
-        raise PolicyError(
-            f"a network must have 1 to {MAX_LAYERS} layers with a weight and a bias each, "
-            f"got {len(weights)} weights and {len(biases)} biases"
-        )
-    for i, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
-        if weight.shape[0] != len(bias):
-            raise PolicyError(
-                f"layers.{i}.bias must have {weight.shape[0]} numbers like its weight, got {len(bias)}"
-            )
-        if i and weight.shape[1] != len(biases[i - 1]):
-            raise PolicyError(
-                f"layers.{i}.weight must take the {len(biases[i - 1])} numbers of the layer before, "
-                f"got {weight.shape[1]}"
-            )

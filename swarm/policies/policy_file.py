@@ -18,6 +18,7 @@ MAX_LAYERS = 16
 MAX_WIDTH = 4096  # nodes of a layer
 MAX_SIZE = 1e6  # of a weight, so that nothing overflows
 SENSORS = {2: "memory", 5: "memory_with_flow"}  # by numbers per record, of cards that state no sensor
+MEMORY = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")  # of a recurrent layer, in PyTorch's names
 MAX_NAME = 40  # letters of an algorithm's
 MAX_DEPTH = 8  # of a card's nesting
 
@@ -27,11 +28,16 @@ class PolicyError(ValueError):
 
 
 def check_tensors(shapes: Shapes) -> None:
-    """Raises PolicyError unless these are the weights and biases of layers, each within the limits."""
-    names = [f"layers.{i}.{part}" for i in range(len(shapes) // 2) for part in ("weight", "bias")]
-    if not 1 <= len(shapes) // 2 <= MAX_LAYERS or set(shapes) != set(names):
+    """Raises PolicyError unless these are the weights and biases of layers, with or without a memory before
+    them, each within the limits.
+    """
+    layers = [name for name in shapes if not name.startswith("memory.")]
+    names = [f"layers.{i}.{part}" for i in range(len(layers) // 2) for part in ("weight", "bias")]
+    memory = [f"memory.{part}" for part in MEMORY] if len(layers) < len(shapes) else []
+    if not 1 <= len(layers) // 2 <= MAX_LAYERS or set(shapes) != {*names, *memory}:
         raise PolicyError(
-            f"its tensors must be layers.0.weight, layers.0.bias, … of at most {MAX_LAYERS} layers, "
+            f"its tensors must be layers.0.weight, layers.0.bias, … of at most {MAX_LAYERS} layers, and of a "
+            f"recurrent network memory.{', memory.'.join(MEMORY)}, "
             f"got {', '.join(repr(name)[:60] for name in list(shapes)[:6]) or 'none'}"
         )
     for name, (dtype, shape) in shapes.items():
@@ -42,7 +48,7 @@ def check_tensors(shapes: Shapes) -> None:
 
 def check_shape(name: str, shape: tuple[int, ...]) -> None:
     """Raises PolicyError unless it is one of a layer's weight or bias."""
-    axes = 2 if name.endswith("weight") else 1
+    axes = 2 if "weight" in name else 1
     if len(shape) != axes or not all(1 <= side <= MAX_WIDTH for side in shape):
         raise PolicyError(f"{name} must have {axes} axes of 1 to {MAX_WIDTH}, got {str(shape)[:60]}")
 

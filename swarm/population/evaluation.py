@@ -80,14 +80,16 @@ def contender(
     policy: str | os.PathLike | AnyPolicy, world: World, name: str | None = None
 ) -> tuple[str, str, AnyPolicy]:
     """What a policy is called in summaries (`name`, else as it was named, or its type), its label in results
-    (a network's algorithm, else its type), and the policy.
+    (a network's algorithm, adaptive or adaptive_on_off, else its type), and the policy.
     """
     if isinstance(policy, str | os.PathLike):
         player, known = named_policy(policy, world), os.fspath(policy)
     else:
         player, known = policy, type(policy).__name__.lower()
     label = player.algorithm if isinstance(player, Network) else type(player).__name__.lower()
-    if label in STRATEGIES and not isinstance(player, (Greedy, Optimal, Random, Swinging)):
+    if isinstance(player, AdaptiveSteering):
+        label = "adaptive" if player.mode == "linear" else "adaptive_on_off"
+    elif label in STRATEGIES and not isinstance(player, (Greedy, Optimal, Random, Swinging)):
         raise PolicyError(f"policy, or its algorithm, must not be called as a strategy, got {label!r}")
     return name or known, label, player
 

@@ -72,9 +72,13 @@ def as_dataset(
     attributes: dict[str, Any],
     *,
     every: int = 1,
+    world: int = 0,
+    cell: int = 0,
+    indexed: bool = True,
 ) -> xr.Dataset:
     """Labelled results of every policy's lives: arrays (cells, ...), series (cells, decisions + 1, ...) of so
-    many decisions one; with several worlds, each (worlds, cells, ...); frames (frames, ...).
+    many decisions one; with several worlds, each (worlds, cells, ...); frames (frames, ...). Worlds and cells
+    are numbered from `world` and `cell` on; `indexed` as of `relabelled`.
     """
     measured, cells = next(iter(lives.values())), cells_of(starts)
     axes = starts.position.shape[-1]
@@ -95,16 +99,19 @@ def as_dataset(
     arrays["policy"], arrays["axis"] = np.array(list(lives)), np.array(["x", "y", "z"])[:axes]
     if axes == 3:
         arrays["quaternion"] = np.array(["w", "x", "y", "z"])
-    arrays["cell"] = np.arange(cells[-1], dtype=np.int32)
+    arrays["cell"] = cell + np.arange(cells[-1], dtype=np.int32)
     if len(cells) > 1:
-        arrays["world"] = np.arange(cells[0], dtype=np.int32)
+        arrays["world"] = world + np.arange(cells[0], dtype=np.int32)
     if longest:
         arrays["decision"] = every * np.arange(longest, dtype=np.int32)
-    return relabelled(arrays, json.loads(attributes["world"]).get("units")).assign_attrs(attributes)
+    units = json.loads(attributes["world"]).get("units")
+    return relabelled(arrays, units, indexed=indexed).assign_attrs(attributes)
 
 
-def relabelled(arrays: Mapping[str, np.ndarray], own: Any) -> xr.Dataset:
-    """Results of their arrays by name, coordinates among them, in a world's own units where it has some."""
+def relabelled(arrays: Mapping[str, np.ndarray], own: Any, *, indexed: bool = True) -> xr.Dataset:
+    """Results of their arrays by name, coordinates among them, in a world's own units where it has some; not
+    `indexed` they are made faster, but nothing can be looked up by coordinates.
+    """
     import xarray as xr
 
     space = "quaternion" in arrays
@@ -114,7 +121,8 @@ def relabelled(arrays: Mapping[str, np.ndarray], own: Any) -> xr.Dataset:
         for name, values in arrays.items()
         if name not in COORDINATES
     }
-    return xr.Dataset(variables, {name: arrays[name] for name in COORDINATES if name in arrays})
+    known = {name: (name, arrays[name]) for name in COORDINATES if name in arrays}
+    return xr.Dataset(variables, known if indexed else xr.Coordinates(known, indexes={}))
 
 
 def _labels(units: str, long_name: str) -> dict[str, str]:

@@ -36,6 +36,7 @@ WORLDS = {
     "contact": {"interactions": [Contact()], "start_box": ((0, 2), (0, 2))},
     "a race": NEAR_EGG | {"first_arrivals": 1},
     "unsteady": {"flow": "double_gyre"},
+    "three dimensions": {"torsions": (7.7, 5.7), "curvatures": (5.5, 7.5), "speed": 2.0, "life": 1.0},
 }
 CHEAP = ("still water", "an egg", "varying speed")
 ALL = [
@@ -60,7 +61,7 @@ def lives(env, key, decisions, worlds=None):
 
 @pytest.mark.parametrize("parameters", ALL)
 def test_lives_go_on_as_the_world_has_them_and_begin_again(parameters):
-    env = JaxSwarmEnv(3, life=4.0, **parameters)
+    env = JaxSwarmEnv(3, **({"life": 4.0} | parameters))
     observation, state, action, step = lives(env, jax.random.key(1), 2 * env.max_steps + 2)
     over = step.info["finished"].all(-1)
     assert over.any(0).all()
@@ -87,9 +88,9 @@ def test_lives_go_on_as_the_world_has_them_and_begin_again(parameters):
         np.testing.assert_allclose(after.position, pick(step.state).cells.position, atol=1e-4)
 
 
-@pytest.mark.parametrize("parameters", [NEAR_EGG, {}], ids=["egg", ""])
+@pytest.mark.parametrize("parameters", [NEAR_EGG, {}, WORLDS["three dimensions"]], ids=["egg", "", "space"])
 def test_starts_have_the_distribution_of_the_other_faces(parameters):
-    env = JaxSwarmEnv(2000, life=4.0, **parameters)
+    env = JaxSwarmEnv(2000, **({"life": 4.0} | parameters))
     _, state = env.reset(jax.random.key(3))
     drawn = swarm.physics.starts.draw_starts(env.world, 2000, 0)
     cells = state.cells
@@ -187,6 +188,25 @@ def test_what_jax_cannot_serve_is_refused_in_one_line(settings, error, said):
     with jax.enable_x64(False), pytest.raises(error, match=said) as refused:
         JaxSwarmEnv(**settings)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("action", "said"),
+    [
+        (jnp.zeros(3), r"action must be whole numbers \(2,\), got \(3,\) of float32"),
+        (jnp.zeros((2, 1), int), r"action must be whole numbers \(2,\), got \(2, 1\) of int32"),
+        ([0, 1], "action must be whole numbers .*, got list"),
+    ],
+)
+def test_an_action_or_a_key_that_is_none_is_refused_when_traced(action, said):
+    env = JaxSwarmEnv(2, life=4.0)
+    _, state = env.reset(jax.random.PRNGKey(0))
+    for step in (env.step, env.step_env):
+        with pytest.raises(TypeError, match=said):
+            step(jax.random.key(0), state, action)
+    for key, got in ((None, "None"), (0, r"\(\) of int32")):
+        with pytest.raises(TypeError, match=rf"key must be one of jax\.random, .* got {got}"):
+            env.reset(key)
 
 
 def test_a_picture_shows_one_world():

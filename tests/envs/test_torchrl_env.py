@@ -38,6 +38,7 @@ WORLDS = {
     "noise in vortices": NOISE | VORTICES | {"varying_speed": True},
     "around an egg": NEAR_EGG,
     "three curvatures": {"curvatures": (3.0, 4.0, 5.0)},
+    "three dimensions": {"torsions": (7.7, 5.7), "curvatures": (5.5, 7.5), "speed": 2.0, "life": 2.0},
 }
 
 

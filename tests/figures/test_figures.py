@@ -53,6 +53,7 @@ def linear():
 def drawings(results, world):
     yield "centrelines", lambda: figures.centrelines(results, world)
     yield "gains", lambda: figures.gains(results)
+    yield "distribution", lambda: figures.distribution(results)
     yield "both", lambda: figures.centrelines_and_gains(results, world)
     yield "comparison", lambda: figures.comparison(results, world, cell=1)
     yield "plain comparison", lambda: figures.comparison(results, world, enlarged=False)
@@ -179,6 +180,16 @@ def test_every_policy_is_drawn_unless_some_are_chosen_each_in_its_own_look(name)
     titles = [axes.get_title("left").split(")  ")[-1] for axes in lines.axes if axes.get_title("left")]
     assert (legends or titles) == [drawn[each].label for each in names]
     assert len(figures.comparison(results, world, policies=names[:2]).axes) == 2 + 2
+
+
+def test_a_distribution_counts_every_cell_once_however_many_are_read_at_once(linear, monkeypatch):
+    monkeypatch.setattr("swarm.figures.plots.populations.AT_ONCE", 3)
+    axes = figures.distribution(linear, policies=("greedy", "swinging")).axes[0]
+    for steps, name in zip(axes.patches, ("greedy", "swinging"), strict=True):
+        density, edges, _ = steps.get_data()
+        gain = linear["gain"].sel(policy=name).values
+        np.testing.assert_allclose(density * np.diff(edges) * 4, np.histogram(gain, edges)[0], atol=1e-12)
+        assert np.sum(density * np.diff(edges)) == pytest.approx(1.0)
 
 
 def test_panels_of_a_flow_make_room_for_every_line():

@@ -308,6 +308,17 @@ def test_quick_without_shipped_policies_says_so(monkeypatch, tmp_path):
         reproduce(Plan(quick=True), tmp_path / "quick")
 
 
+@pytest.mark.parametrize("other", ["population.nc", "seed=0/run.json", "reproduction.json verdicts.json"])
+def test_a_folder_of_other_results_is_refused_before_any_work(monkeypatch, tmp_path, other):
+    for path in (tmp_path / each for each in other.split()):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("{}")
+    monkeypatch.setattr(stacks, "train", None)
+    named = other.split()[-1].split("/")[0]
+    with pytest.raises(ReproductionError, match=f"that of an earlier reproduction of the same.* {named}$"):
+        reproduce(Plan(quick=True), tmp_path)
+
+
 def test_every_experiment_has_a_shipped_policy_with_a_card(done, shipped):
     assert sorted(shipped.names) == sorted(EXPERIMENTS) == sorted(network.zoo_names())
     tested = {

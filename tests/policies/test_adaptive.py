@@ -130,6 +130,7 @@ def test_the_gain_is_decided_by_the_level_that_the_cell_has_adapted_to():
 def test_it_stands_in_the_same_tables_and_races_sampled():
     done = evaluate("adaptive_on_off", World(), experiment="own", cells=8, life=60.0)
     assert done.summary["gain"]["fraction_of_limit"] > 0.8
+    assert done.label == "adaptive_on_off"
     race = World(field="radial", first_arrivals=1, start_box=((-3, 3), (-3, 3)), life=30.0)
     assert (
         contest(race, {"a": AdaptiveSteering(mode="on_off"), "b": Greedy()}, cells=4, worlds=2)["won"].sum()

@@ -151,6 +151,7 @@ def test_a_plain_install_lives_and_names_the_extra_for_the_rest(plain):
     ("words", "code", "said"),
     [
         (["--version"], 0, "chemoswarm 0.1.0\n"),
+        (["train", "seed=1"], 2, "swarm: commands need hydra: pip install 'chemoswarm[train]'\n"),
         (["check"], 2, "swarm: commands need hydra: pip install 'chemoswarm[results]'\n"),
         ([], 2, "swarm: commands need hydra: pip install 'chemoswarm[results]'\n"),
     ],

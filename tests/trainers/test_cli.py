@@ -97,6 +97,7 @@ def policy(path="policy.safetensors", **card):
         (["-m", "seed=0,1", "learning.epochs=0"], "learning.epochs must be at least 1, got 0"),
         (["-m", "resume=a"], "resume"),
         (["hydra.run.dir=/dev/null/run", *SHORT], "/dev/null"),
+        (["hydra.run.dir=/proc/x", *SHORT], ": /proc/x"),
     ],
 )
 def test_train_refuses_what_it_cannot_do(words, said):

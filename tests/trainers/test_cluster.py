@@ -6,6 +6,9 @@ Run by `make cluster`; `make cluster-long` has longer lives.
 import filecmp
 import os
 import signal
+import socket
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -28,8 +31,8 @@ pytestmark = [pytest.mark.cluster, pytest.mark.filterwarnings("default")]
 LONG = os.environ.get("CLUSTER") == "cluster-long"
 WORDS = [
     *("learning.n_swimmers=2", "learning.hidden=[4]", "learning.batch_size=4", "learning.buffer_size=50"),
-    *("world.life=8", "validation.life=2", "validation.cells=2", "tensorboard=false", "checkpoint_every=30"),
-    f"learning.epochs={600 if LONG else 60}",
+    *("world.life=8", "validation.life=2", "validation.cells=2", "tensorboard=false", "checkpoint_every=15"),
+    f"learning.epochs={600 if LONG else 30}",
     "seed=0,1,2,3,4,5,6,7",
 ]
 SPREAD = [
@@ -103,15 +106,20 @@ class Havoc(threading.Thread):
         self.nodes.remove_node(self.node, allow_graceful=False)
 
 
-@pytest.fixture
-def nodes():
+@pytest.fixture(scope="module")
+def head():
     from ray.cluster_utils import Cluster
 
-    head = {"num_cpus": 1, "object_store_memory": 300 * 2**20, "include_dashboard": False}
-    made = Cluster(initialize_head=True, head_node_args=head)
+    alone = {"num_cpus": 1, "object_store_memory": 300 * 2**20, "include_dashboard": False}
+    made = Cluster(initialize_head=True, head_node_args=alone)
     yield made
-    ray.shutdown()
     made.shutdown()
+
+
+@pytest.fixture
+def nodes(head):
+    yield head
+    ray.shutdown()
 
 
 @pytest.fixture
@@ -121,6 +129,12 @@ def havoc(nodes, tmp_path):
     executor = Noted(nodes.address)
     executor.file = tmp_path / "notes"
     return executor, lambda *when: Havoc(nodes, node, executor.file, *when)
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Runs without their figures, which take as long as their epochs."""
+    monkeypatch.setattr("trainers.training.run.draw", lambda training, run: None)
 
 
 def check_only_the_lost_was_done_twice(havoc, units):
@@ -153,6 +167,7 @@ def test_a_population_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_a_sweep_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path, monkeypatch):
     executor, wreak = havoc
     monkeypatch.chdir(tmp_path)
@@ -166,7 +181,7 @@ def test_a_sweep_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path, monkeypat
     for seed in range(8):
         for name in ("policy.safetensors", "metrics.csv", "settings.yaml", "run.json"):
             assert filecmp.cmp(f"shared/seed={seed}/{name}", f"alone/seed={seed}/{name}", shallow=False)
-    check_only_the_lost_was_done_twice(wreaked, 8 * (20 if LONG else 2))
+    check_only_the_lost_was_done_twice(wreaked, 8 * (40 if LONG else 2))
 
 
 @pytest.mark.slow
@@ -202,3 +217,47 @@ def test_what_a_cluster_lacks_is_said_before_it_works(nodes, monkeypatch):
     ray.shutdown()
     with pytest.raises(ClusterError, match=r"address must be a Ray cluster that answers, got 127\.0\.0\.1:9"):
         launched("ray", address="127.0.0.1:9")
+
+
+@pytest.mark.slow
+def test_a_full_object_store_is_a_line():
+    full = {"local_fs_capacity_threshold": 1e-3}  # the disk that stands in for the store counts as full
+    own = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "include_dashboard": False}
+    ray.init("local", **own, _system_config=full)
+    try:
+        for do, argument in ((bytes, 2**28), (len, bytes(2**28))):  # what is returned, and what is taken
+            with pytest.raises(ClusterError, match=r"stores must have room for .* are full: ray start"):
+                Ray().submit(do, argument).result(60)
+    finally:
+        ray.shutdown()
+
+
+@pytest.mark.slow
+def test_a_cluster_answers_its_client(tmp_path):
+    ports = []
+    for _ in range(2):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            ports.append(free.getsockname()[1])
+    start = ["start", "--head", "--block", f"--port={ports[0]}", f"--ray-client-server-port={ports[1]}"]
+    about = ["--num-cpus=1", "--object-store-memory=100000000", "--include-dashboard=false"]
+    command = [sys.executable, "-m", "ray.scripts.scripts", *start, *about]
+    begun = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        for _ in range(200):
+            with socket.socket() as asked:
+                if asked.connect_ex(("127.0.0.1", ports[1])) == 0:
+                    break
+            time.sleep(0.5)
+        script = (
+            "from trainers.jobs.cluster import launched\n"
+            f"executor = launched('ray', address='ray://127.0.0.1:{ports[1]}')\n"
+            "print(executor.submit(divmod, 7, 2).result(60))\n"
+            "print(repr(executor.submit(divmod, 7, 0).exception(60)))\n"
+            "executor.shutdown()\n"
+        )
+        said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
+    finally:
+        begun.terminate()
+        begun.wait(60)
+    assert said.stdout.splitlines() == ["(3, 1)", "ZeroDivisionError('integer division or modulo by zero')"]

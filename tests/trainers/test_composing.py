@@ -20,11 +20,12 @@ EXPERIMENTS += [
     "shear",
     "film",
 ]
-EXPERIMENTS += ["continuous_n4"]
+EXPERIMENTS += ["continuous_n4", "binding"]
 DEFAULTS = Settings().dotted()
 KEYS = [("dqn", key) for key in DEFAULTS] + [
     ("ppo", key) for key in Settings(algorithm="ppo").dotted() if key.startswith("learning.")
 ]
+KEYS += [("drqn", f"learning.{name}") for name in ("seen", "nodes", "burn_in")]
 
 WRONG = {  # for a key of each type: of another type, of the wrong sign, size
     bool: ["abc", 2, 0.5, None, [True], {}],
@@ -126,7 +127,7 @@ def test_whatever_is_stored_there_are_settings_or_a_message(stored):
         ("world._target_=os.system", "settings have no key 'world._target_'"),
         ("_target_=os.system", "settings have no key '_target_'"),
         ("experiment=linear_4", "got 'linear_4'; did you mean 'linear_n4'?"),
-        ("experiment=", "experiment must be one of continuous_n4"),
+        ("experiment=", "experiment must be one of binding, continuous_n4"),
         ("experiment=[linear_n2,linear_n4]", "experiment must be one of"),
         ("experiment=../../secret", "experiment must be one of"),
         ("recipe=papers", "recipe must be one of paper, swarm, got 'papers'; did you mean 'paper'?"),
@@ -184,7 +185,7 @@ def test_every_experiment_goes_with_every_recipe(experiment, recipe):
 def test_the_experiments_and_recipes_are_those_promised():
     assert names_of("experiment") == sorted(EXPERIMENTS)
     assert names_of("recipe") == ["paper", "swarm"]
-    assert names_of("algorithm") == ["dqn", "evolution", "ppo"]
+    assert names_of("algorithm") == ["dqn", "drqn", "evolution", "ppo"]
 
 
 def test_without_words_the_swarm_learns_linear_n4():

@@ -5,14 +5,16 @@ import json
 
 import pytest
 
+from swarm._support import files
 from tests.short_runs import short_settings
-from trainers.jobs import cluster, remote
+from trainers.jobs import cluster, remote, sweep
 from trainers.jobs.cluster import ClusterError, launched
 from trainers.jobs.executors import InProcess
 from trainers.jobs.sweep import _launcher
 from trainers.jobs.trial import trial
 from trainers.training.run import train_in
 
+FILES = ["gains.png", "population.nc", "summary.json"]
 SIZES = {"cells": 3, "worlds": None, "life": 2.0, "seed": 0}
 
 
@@ -57,10 +59,17 @@ def test_a_sweep_takes_hydras_words_and_its_own():
     assert _launcher(own) == ("ray", 4, "auto")
 
 
+def test_a_second_driver_of_a_cluster_in_the_same_folder_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(sweep, "launched", None)
+    with files.owned(tmp_path), pytest.raises(FileExistsError, match="is being worked on by another process"):
+        sweep.sweep(["seed=0,1", "tensorboard=false", f"hydra.sweep.dir={tmp_path}", "launcher=ray"])
+    assert [path.name for path in tmp_path.iterdir()] == [".lock"]
+
+
 def test_a_recorded_population_goes_to_its_folder(tmp_path):
     found = trial("swinging", "linear_n4", **SIZES, record="ends", out=tmp_path / "out")
     found.save(tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["population.nc", "summary.json"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == FILES
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (summary["cells"], summary["policy"]) == (3, "swinging")
     with pytest.raises(FileExistsError, match="must be a new or an empty folder"):

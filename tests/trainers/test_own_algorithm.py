@@ -72,7 +72,7 @@ def test_it_is_trained_resumed_tested_and_compared_by_its_name():
     [
         (
             ["algorithm=min"],
-            "must be one of broken, dqn, evolution, mine, nobody, other, ppo, got 'min'; did you mean",
+            "must be one of broken, dqn, drqn, evolution, mine, nobody, other, ppo, got 'min'; did you mean",
         ),
         (["algorithm=mine", "learning.scale=0.0"], "learning.scale must be above 0, got 0.0"),
         (["algorithm=mine", "learning.scal=1.0"], "no key 'learning.scal'; did you mean 'learning.scale'?"),

@@ -138,13 +138,18 @@ def test_a_seed_trains_the_same_alone_and_in_a_stack(critic, action):
             torch.testing.assert_close(one[name][1:], other[name], rtol=1e-3, atol=1e-4, msg=name)
 
 
-def test_a_central_critic_sees_all_cells_of_the_world():
-    training = Training(short_settings("ppo", learning={"critic": "central", "n_swimmers": 4}))
+@pytest.mark.parametrize(
+    ("world", "numbers"), [({}, 5), ({"torsions": [2.0, 1.0]}, 8)], ids=["plane", "space"]
+)
+def test_a_central_critic_sees_all_cells_of_the_world(world, numbers):
+    training = Training(short_settings("ppo", world, learning={"critic": "central", "n_swimmers": 4}))
     training.env.restart()
     algorithm = training.algorithm
     seen = algorithm.sampling.seen(training.env.observation, algorithm.collector.poses())
-    assert seen.shape[-1] == training.env.world.observation_size + 5 * 4
-    np.testing.assert_array_equal(seen[0, 0, -20:], seen[0, 3, -20:])
+    assert seen.shape[-1] == training.env.world.observation_size + numbers * 4
+    of_cells = seen[..., -numbers * 4 :]
+    np.testing.assert_array_equal(of_cells[0, 0], of_cells[0, 3])
+    training.run_epoch()
 
 
 def test_every_command_tells_a_run_of_ppo_from_one_of_dqn():

@@ -41,6 +41,9 @@ SETTINGS = {
     "exact intervals": short_settings(
         "paper", n_seeds=2, world={"varying_speed": True, "interval_rule": "exact", "curvature_noise": 0.1}
     ),
+    "space": short_settings(
+        world={"torsions": [7.7, 5.7], "curvatures": [5.5, 7.5], "speed": 2.0, "life": 1.0}
+    ),
     "crowd": short_settings(world=CROWD, learning={"n_worlds": 2}, validation={"life": 2.0}),
     "crowd, central critic": short_settings(
         "ppo", world=CROWD, learning={"critic": "central"}, validation={"life": 2.0}

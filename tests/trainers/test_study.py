@@ -21,7 +21,7 @@ from trainers.jobs import sweep
 from trainers.jobs.study import draw, study
 from trainers.jobs.study_figure import axes_of, panels, request_of
 from trainers.jobs.study_plan import stacks
-from trainers.settings.composition import settings_from, settings_from_stored
+from trainers.settings.composition import SettingsError, settings_from, settings_from_stored
 from trainers.training.run_folder import RunError, RunFolder
 
 NOISE = "world.concentration_noise"
@@ -250,6 +250,12 @@ def test_a_wrong_key_is_a_line_and_nothing_is_written(changes, line):
     assert line in str(raised.value)
     assert "\n" not in str(raised.value)
     assert not Path("out").exists()
+
+
+def test_a_key_that_is_given_twice_is_a_line():
+    Path("mine.yaml").write_text("seeds: 1\ngrid: {}\nseeds: 2\n")
+    with pytest.raises(SettingsError, match=r"keys must be given once, got seeds again in line 3"):
+        study(Path("mine.yaml"), Path("out"), **HERE)
 
 
 def test_a_folder_of_something_else_and_of_another_driver_is_refused(trained):

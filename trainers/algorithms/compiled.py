@@ -46,9 +46,9 @@ def _updated(
     names = [name for name, _ in network.named_parameters()]
     parameters, means, squares, steps, following = [[tensor.clone() for tensor in each] for each in held]
 
-    def playing(tensors: list[Tensor]) -> Callable[[Tensor], Tensor]:
+    def playing(tensors: list[Tensor]) -> Callable:
         given = dict(zip(names, tensors, strict=True))
-        return lambda rows: torch.func.functional_call(network, given, (rows,))
+        return lambda *inputs: torch.func.functional_call(network, given, inputs)
 
     def total(tensors: list[Tensor]) -> tuple[Tensor, tuple[Tensor, Tensor]]:
         loss, value = error(playing(tensors), playing(following), batch)

@@ -46,10 +46,14 @@ class EpsilonGreedy(TensorDictModuleBase):
         self.network, self.n_actions, self.epsilon = network, n_actions, 1.0
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        best = self.network(tensordict["observation"]).argmax(-1)
+        best = self.values(tensordict).argmax(-1)
         coin, choice = tensordict["uniform"].unbind(-1)
         random = (choice * self.n_actions).long()
         return tensordict.set("action", torch.where(coin < self.epsilon, random, best))
+
+    def values(self, tensordict: TensorDictBase) -> Tensor:
+        """Of every action (..., actions)."""
+        return self.network(tensordict["observation"])
 
 
 def epsilon_at(settings: DQNSettings, epoch: int, progress: float) -> float:
@@ -68,15 +72,25 @@ def q_error(
     With `double`, the online network chooses the next action and the target network values it (van Hasselt et
     al. 2016). Rows of cells that were not alive count for nothing.
     """
-    following, alive = batch["next", "observation"], batch["collector", "mask"]
+    following = batch["next", "observation"]
     with torch.no_grad():
         values = target(following)
         chooser = online(following) if double else values
         best = values.gather(-1, chooser.argmax(-1, keepdim=True))
+    return of_values(online(batch["observation"]), best, batch, gamma, loss_function)
+
+
+def of_values(
+    values: Tensor, best: Tensor, batch: Mapping, gamma: float, loss_function: str
+) -> tuple[Tensor, Tensor]:
+    """Loss and mean value (seeds,) of a batch (seeds, ...), from the values (seeds, ..., actions) of what was
+    seen and the `best` (seeds, ..., 1) of what followed.
+    """
+    with torch.no_grad():
         discount = gamma ** batch["steps_to_next_obs"] * ~batch["next", "terminated"]
         goal = torch.addcmul(batch["next", "reward"], discount, best)
-    chosen = online(batch["observation"]).gather(-1, batch["action"].unsqueeze(-1))
-    each = torch.stack([distance_loss(chosen, goal, loss_function), chosen]).squeeze(-1)
+    chosen, alive = values.gather(-1, batch["action"].unsqueeze(-1)), batch["collector", "mask"].flatten(1)
+    each = torch.stack([distance_loss(chosen, goal, loss_function), chosen]).squeeze(-1).flatten(2)
     loss, value = torch.where(alive, each, 0.0).sum(-1) / alive.sum(-1).clamp_min(1)
     return loss, value
 
@@ -91,9 +105,11 @@ class SeedDQNLoss(LossModule):
     value_network_params: TensorDictParams
     target_value_network_params: TensorDictParams
 
-    def __init__(self, network: nn.Module, *, delay_value: bool, **options: Any) -> None:
+    def __init__(
+        self, network: nn.Module, *, delay_value: bool, error: Callable = q_error, **options: Any
+    ) -> None:
         super().__init__()
-        self.error: Callable = functools.partial(q_error, **options)
+        self.error: Callable = functools.partial(error, **options)
         self.convert_to_functional(network, "value_network", create_target_params=delay_value)
         self.__dict__["target_network"] = target = copy.deepcopy(network) if delay_value else network
         if delay_value:
@@ -144,7 +160,14 @@ class DQN(Algorithm):
 
     metrics = ("loss", "q_mean", "epsilon", "learning_rate")
     settings: DQNSettings
-    kept = ("observation", "action", ("collector", "mask"), *(("next", name) for name in REACHED))
+    explorers, error = EpsilonGreedy, staticmethod(q_error)
+    worth_compiling: float = WORTH_COMPILING
+    kept: tuple[Any, ...] = (
+        "observation",
+        "action",
+        ("collector", "mask"),
+        *(("next", name) for name in REACHED),
+    )
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
         if env.world.is_continuous:
@@ -153,13 +176,14 @@ class DQN(Algorithm):
             )
         learning, world, device = cast(DQNSettings, settings.learning), env.world, env.device
         self.env, self.settings = env, learning
-        self.policy = seed_mlp(settings.layers, self.keys("network"), device)
-        self.explorer = EpsilonGreedy(self.policy, world.n_actions)
+        self.policy = self.network(settings)
+        self.explorer = self.explorers(self.policy, world.n_actions)
         self.collector = SeedCollector(env, self.explorer)
         delayed = learning.target_rate < 1
         self.loss = SeedDQNLoss(
             self.policy,
             delay_value=delayed,
+            error=type(self).error,
             gamma=learning.discount,
             double=learning.double and delayed,
             loss_function=LOSSES[learning.loss],
@@ -167,12 +191,21 @@ class DQN(Algorithm):
         self.follow = FusedSoftUpdate(self.loss, tau=learning.target_rate) if delayed else None
         self.optimiser = fused_adam(self.policy.parameters())
         self.draws = [torch.Generator(device or "cpu") for _ in env.seeds]
-        self.buffer = SeedReplay(learning.buffer_size, world.observation_size, self.draws)
+        self.rows = learning.batch_size  # of the buffer in a batch
+        self.buffer = self.replay(settings)
         self.update: Callable[[Mapping], Mapping[str, Tensor]] = self._update
         rounds = learning.epochs * math.ceil(world.max_decisions / (learning.collect or world.max_decisions))
-        if worth_compiling(settings, rounds * learning.updates, WORTH_COMPILING):
+        if worth_compiling(settings, rounds * learning.updates, self.worth_compiling):
             networks = (self.policy, self.loss.target_network)
             self.update = CompiledUpdate(self.loss.error, *networks, self.optimiser, learning.target_rate)
+
+    def network(self, settings: Settings) -> nn.Module:
+        """A fresh one of every seed."""
+        return seed_mlp(settings.layers, self.keys("network"), self.env.device)
+
+    def replay(self, settings: Settings) -> SeedReplay:
+        """The empty buffer."""
+        return SeedReplay(self.settings.buffer_size, self.env.world.observation_size, self.draws)
 
     @staticmethod
     def memory_needed(settings: Settings) -> int:
@@ -219,7 +252,7 @@ class DQN(Algorithm):
         """One round of updates."""
         if not self.remember(rollout):
             return None
-        for batch in self.buffer.batches(self.settings.updates, self.settings.batch_size):
+        for batch in self.buffer.batches(self.settings.updates, self.rows):
             rate = self.optimiser.param_groups[0]["lr"] = learning_rate_at(
                 self.settings, self.updates, progress
             )

@@ -22,7 +22,7 @@ from trainers.settings.schema import Settings
 OF_ACTOR = ("observation", "action_log_prob", "advantage")
 SPREAD = (-5.0, 2.0)  # of the logarithm of a continuous action's deviation
 OF_CRITIC = ("seen", "value_target", "state_value")
-OF_A_CELL = 5  # numbers of the whole world's state for each cell: place, heading, curvature
+OF_A_CELL = {2: 5, 3: 8}  # numbers of a world's state for each cell, by dimensions: place, heading, curvature
 
 
 class Sampling(TensorDictModuleBase):
@@ -37,9 +37,9 @@ class Sampling(TensorDictModuleBase):
         super().__init__()
         self.in_keys = ["observation", "uniform", *["poses"] * central]
         self.network, self.n_swimmers, self.action_range = network, env.n_swimmers, env.world.action_range
-        (left, right), (low, high) = env.world.box
-        self.middle = torch.tensor([(left + right) / 2, (low + high) / 2], device=env.device)
-        self.size = max(right - left, high - low) or 1.0
+        box = env.world.box
+        self.middle = torch.tensor([(low + high) / 2 for low, high in box], device=env.device)
+        self.size = max(high - low for low, high in box) or 1.0
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         chances = self.network(tensordict["observation"]).log_softmax(-1)
@@ -50,13 +50,15 @@ class Sampling(TensorDictModuleBase):
         return tensordict.set("seen", self.seen(tensordict["observation"], tensordict.get("poses")))
 
     def seen(self, observation: Tensor, poses: Tensor | None) -> Tensor:
-        """Observations (seeds, cells, ...); with `poses` (seeds, cells, 5), for a central critic, followed by
+        """Observations (seeds, cells, ...); with `poses` (seeds, cells, numbers), for a central critic, and
         those of all cells of their worlds.
         """
         if poses is None:
             return observation
-        place = (poses[..., :2] - self.middle) / self.size
-        whole = torch.cat([place, poses[..., 2:]], dim=-1).reshape(-1, self.n_swimmers * OF_A_CELL)
+        dimensions = len(self.middle)
+        place = (poses[..., :dimensions] - self.middle) / self.size
+        whole = torch.cat([place, poses[..., dimensions:]], dim=-1)
+        whole = whole.reshape(-1, self.n_swimmers * whole.shape[-1])
         of_cells = whole.unsqueeze(1).expand(-1, self.n_swimmers, -1)  # the same for all cells of a world
         return torch.cat([observation, of_cells.reshape(*observation.shape[:2], -1).float()], dim=-1)
 
@@ -214,7 +216,8 @@ def layers_of_critic(settings: Settings) -> tuple[int, ...]:
     """Sizes of its layers, from inputs to outputs."""
     learning = cast(PPOSettings, settings.learning)
     inputs, *hidden, _ = settings.layers
-    return (inputs + OF_A_CELL * learning.n_swimmers * (learning.critic == "central"), *hidden, 1)
+    others = OF_A_CELL[settings.training_world().dimensions] * learning.n_swimmers
+    return (inputs + others * (learning.critic == "central"), *hidden, 1)
 
 
 def clip_by_seed(parameters: list[nn.Parameter], most: float) -> None:

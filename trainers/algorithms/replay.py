@@ -58,27 +58,39 @@ class SeedSampler(RandomSampler):
 
 
 class SeedReplay:
-    """Keeps the newest `size` transitions of every seed."""
+    """Keeps the newest `size` transitions of every seed, or whatever else is packed in rows."""
 
     def __init__(self, size: int, inputs: int, generators: list[torch.Generator]) -> None:
-        self.size, device = size, generators[0].device
+        self.size, self.inputs, device = size, inputs, generators[0].device
         storage = LazyTensorStorage(size, device=device)
         self.buffer = ReplayBuffer(storage=storage, sampler=SeedSampler(generators))
-        self.buffer.extend(torch.zeros(1, len(generators), width(inputs), device=device))
+        self.buffer.extend(torch.zeros(1, len(generators), self.width, device=device))
         self.buffer.empty()  # which leaves the storage as large as it gets
+
+    @property
+    def width(self) -> int:
+        """Numbers in a row."""
+        return width(self.inputs)
+
+    def pack(self, transitions: Mapping[Any, Tensor]) -> Tensor:
+        """Rows (decisions, seeds, cells, width) of the newest transitions (decisions, seeds, cells), no more
+        decisions of them than there is room for.
+        """
+        decisions = -(-self.size // transitions["action"].shape[2])
+        return packed({key: part[-decisions:] for key, part in transitions.items()})
+
+    def unpack(self, rows: Tensor) -> dict[Any, Tensor]:
+        """The transitions (...) that were packed in rows (..., width)."""
+        return unpacked(rows)
 
     def extend(self, transitions: Mapping[Any, Tensor]) -> None:
         """Add transitions (decisions, seeds, cells)."""
-        decisions = -(
-            -self.size // transitions["action"].shape[2]
-        )  # the newest, as many as there is room for
-        newest = {key: part[-decisions:] for key, part in transitions.items()}
-        rows = packed(newest).transpose(1, 2).flatten(0, 1)
+        rows = self.pack(transitions).transpose(1, 2).flatten(0, 1)
         self.buffer.extend(rows[-self.size :])  # two rows for one place would race
 
-    def batches(self, count: int, size: int) -> Iterator[dict[Key, Tensor]]:
+    def batches(self, count: int, size: int) -> Iterator[dict[Any, Tensor]]:
         """Batches (seeds, rows) of `size` rows, all drawn at once."""
-        drawn = unpacked(self.buffer.sample(count * size))
+        drawn = self.unpack(self.buffer.sample(count * size))
         columns = (column.contiguous().split(size, dim=1) for column in drawn.values())
         for parts in zip(*columns, strict=True):
             yield dict(zip(drawn, parts, strict=True))
@@ -95,7 +107,7 @@ class SeedReplay:
 
     def refill(self, rows: Tensor, cursor: int, n_actions: int) -> None:
         """Put back what `rows` gave; raises ValueError where it cannot be from here."""
-        action = unpacked(rows)["action"]
+        action = self.unpack(rows)["action"]
         if not len(rows) or action.min() < 0 or action.max() >= n_actions or cursor > self.size:
             raise ValueError(
                 f"buffer must have rows with actions from 0 to {n_actions - 1}, and its cursor be at most "

@@ -1,6 +1,6 @@
 """The command `swarm`: every command and its options. Heavy imports wait until they are needed."""
 
-from trainers.cli import export, listing, minimal, populations, reports, study, training
+from trainers.cli import export, listing, populations, possible, reports, study, training
 from trainers.cli.app import app, errors_as_lines
 
 __all__ = [
@@ -8,8 +8,8 @@ __all__ = [
     "errors_as_lines",
     "export",
     "listing",
-    "minimal",
     "populations",
+    "possible",
     "reports",
     "study",
     "training",

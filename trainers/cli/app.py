@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 
 ORDER = (
     *("train", "evaluate", "compare", "study", "watch", "list"),
-    *("reproduce", "minimal", "check", "export"),
+    *("reproduce", "minimal", "strategies", "check", "export"),
 )
 
 

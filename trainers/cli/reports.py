@@ -17,7 +17,9 @@ from trainers.cli.options import Address, Launchers
 @app.command()
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the report; what is finished there is not redone.")],
-    quick: Annotated[bool, typer.Option(help="Test the shipped policies instead of training.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Test the shipped policies instead of training.")
+    ] = False,
     crowd: Annotated[bool, typer.Option("--crowd", help="The experiments on crowds instead.")] = False,
     seeds: Annotated[int | None, typer.Option(help="Training seeds; default: 20, of crowds 5.")] = None,
     jobs: Annotated[int | None, typer.Option(help="Processes at once; default: 2, or 1 on one core.")] = None,

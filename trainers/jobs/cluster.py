@@ -11,6 +11,7 @@ import os
 import socket
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarm._support import provenance
@@ -20,6 +21,8 @@ from trainers.training.run_folder import RunError
 
 LAUNCHERS = ("here", "processes", "ray")
 ANSWER = 10.0  # [s] an address has to answer
+CLIENT = "ray://"
+TOKEN = Path(".ray/auth_token")  # in the home, where Ray keeps it
 
 
 class ClusterError(RunError):
@@ -59,15 +62,17 @@ class Ray(Executor):
     """
 
     def __init__(self, address: str | None = None, jobs: int | None = None) -> None:
-        self._ray, self._needs = _ray(), Needs()
+        self._ray, self._needs = _ray(address), Needs()
         self._own = not self._ray.is_initialized()
         if self._own:
             _check_answers(address)
             local = {} if address else {"num_cpus": jobs, "include_dashboard": False}
             try:
-                self._ray.init(address, log_to_driver=False, logging_level="ERROR", **local)
+                self._ray.init(address or "local", log_to_driver=False, logging_level="ERROR", **local)
             except (OSError, RuntimeError, ValueError, self._ray.exceptions.RayError) as error:
                 raise ClusterError(f"address must be a Ray cluster that answers: {_line(error)}") from None
+        # Worker and node losses begin a task again, however many; its own errors are returned, never raised.
+        self._remote = self._ray.remote(max_retries=-1, retry_exceptions=False)(_outcome)
         try:
             self._check_versions()
         except BaseException:
@@ -99,9 +104,11 @@ class Ray(Executor):
     def _submitted(
         self, options: dict[str, Any], do: Callable[..., Any], *arguments: Any, **named: Any
     ) -> Future:
-        # Worker and node losses begin a task again, however many; its own errors are returned, never raised.
-        remote = self._ray.remote(_outcome).options(max_retries=-1, retry_exceptions=False, **options)
-        asked: Future = remote.remote(provenance.versions(), do, arguments, named).future()
+        remote = self._remote.options(**options)
+        try:
+            asked: Future = remote.remote(provenance.versions(), do, arguments, named).future()
+        except self._ray.exceptions.RayError as error:
+            raise _lost(error) from None
         future: Future = Future()
         future.set_running_or_notify_cancel()
         asked.add_done_callback(functools.partial(_pass_on, future))
@@ -148,11 +155,21 @@ def _outcome(
 def _pass_on(future: Future, asked: Future) -> None:
     error = asked.exception()
     if error is not None:
-        future.set_exception(ClusterError(f"the cluster lost a task: {_line(error)}"))
+        future.set_exception(_lost(error))
     elif isinstance(found := asked.result(), _Failed):
         future.set_exception(found.error)
     else:
         future.set_result(found)
+
+
+def _lost(error: BaseException) -> ClusterError:
+    """What is said where Ray cannot do a task."""
+    from ray.exceptions import ObjectStoreFullError, OutOfDiskError
+
+    if isinstance(error, ObjectStoreFullError | OutOfDiskError):
+        rule = "must have room for what tasks take and return, but they and the disk behind them are full"
+        return ClusterError(f"the nodes' object stores {rule}: ray start --object-store-memory=BYTES")
+    return ClusterError(f"the cluster lost a task: {_line(error)}")
 
 
 def _options(needs: Needs) -> dict[str, Any]:
@@ -169,9 +186,12 @@ def _line(error: BaseException) -> str:
     return lines[-1][:200] if lines else type(error).__name__
 
 
-def _ray() -> Any:
+def _ray(address: str | None) -> Any:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anybody
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # what Ray warns of
+    known = [name for name in ("RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH") if name in os.environ]
+    if (address or "").startswith(CLIENT) and (known or (Path.home() / TOKEN).exists()):
+        os.environ.setdefault("RAY_AUTH_MODE", "token")  # which Ray's client leaves to its user
     try:
         import ray
     except ImportError:
@@ -181,7 +201,7 @@ def _ray() -> Any:
 
 def _check_answers(address: str | None) -> None:
     """Raises ClusterError unless somebody listens at an address that names a host and a port."""
-    host, _, port = (address or "").removeprefix("ray://").rpartition(":")
+    host, _, port = (address or "").removeprefix(CLIENT).rpartition(":")
     if not host:
         if address not in (None, "auto"):
             raise ClusterError(f"address must be HOST:PORT, ray://HOST:PORT or auto, got {address!r}")

@@ -128,8 +128,8 @@ def gains(world: World, brains: Brains, starts: Starts, seed: int, *, population
     """Gains (brains, cells) of lives under each brain, all from the same starts (cells, …), or each from its
     own (brains, cells, …) [concentration].
     """
-    own = starts.heading.ndim == 2
-    cells, found = starts.heading.shape[-1], []
+    own = starts.position.ndim == 3
+    cells, found = starts.position.shape[-2], []
     for block in np.array_split(np.arange(len(brains)), -(-len(brains) * cells // CELLS)):
         begun = type(starts)(
             *(part[block] if own else np.broadcast_to(part, (len(block), *part.shape)) for part in starts)

@@ -19,6 +19,7 @@ from trainers.minimal.brain import Brains
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 DIGITS = {character: str(place) for place, character in enumerate("₀₁₂₃₄₅₆₇₈₉")}
 OUTPUT = "κ₂ where "
+MOST = 24  # parameters of a drawing that can be read
 TERM = re.compile(r"([+−]) ([0-9.]+)(?: ([cκh][₀-₉]+))?")
 COLOURS = {True: "#0072B2", False: "#D55E00"}  # of weights above and below 0
 

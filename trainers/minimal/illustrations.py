@@ -53,6 +53,9 @@ def _panel(axes: Any, found: CaseFindings) -> None:
         axes.errorbar(
             sizes, missing, apart, color=colour, marker=marker, ms=4, lw=0.9, elinewidth=0.7, label=label
         )
+        for fewest in filter(None, (found.smallest(method, level) for level in LEVELS)):
+            at = fewest.rung.parameters, 1 - found.fraction(fewest).value
+            axes.plot(*at, "o", ms=9, mfc="none", mec=colour, mew=0.8)
     axes.axhline(
         1 - found.greedy.mean() / found.limit, color="#777777", lw=0.8, ls=(0, (4, 2)), label="greedy"
     )
@@ -61,7 +64,9 @@ def _panel(axes: Any, found: CaseFindings) -> None:
     axes.minorticks_off()
     axes.set_xticks([1, 3, 10, 30, 100, 300], ["1", "3", "10", "30", "100", "300"])
     for level in LEVELS:
-        axes.axhline(1 - level, color="#bbbbbb", lw=0.6, zorder=0)
+        axes.axhline(
+            1 - level * (found.attainable or found.limit) / found.limit, color="#bbbbbb", lw=0.6, zorder=0
+        )
 
 
 def best_by_size(found: CaseFindings, method: str) -> list[Measured]:

@@ -33,8 +33,8 @@ class MinimalPlan(TrainingPlan):
     neat_generations: int = 60
     fitness_cells: int = 20  # whose mean gain is a fitness
     fitness_life: float = 40.0  # [time]
-    records: tuple[int, ...] = (2, 4, 8, 16)  # N_T of lookup tables, in the world of the first case
-    bins: tuple[int, ...] = (2, 4, 8)  # of each concentration in a table
+    records: tuple[int, ...] = (2, 3, 4, 6, 8, 12, 16)  # N_T of lookup tables, in the world of the first case
+    bins: tuple[int, ...] = (2, 4, 8, 16)  # of each concentration in a table
     cells: int = 100  # of validation and of the test
     seed: int = 300  # of validation and test populations
 

@@ -102,15 +102,17 @@ def smallest(found: Mapping[str, CaseFindings]) -> Table:
 
 def _smallest(found: Mapping[str, CaseFindings]) -> str:
     limited = [case for case, each in found.items() if each.attainable]
-    exception = "".join(
+    told = (
+        "Fewest parameters with which the validation cells reach the level in the mean over seeds, and what "
+    )
+    told += "of the limit the test cells then gain, the worst seed in brackets." + "".join(
         f" In {case} two records leave the heading ambiguous: levels are of {found[case].attainable:g}, "
         "about the most that they allow; percentages are of the limit everywhere."
         for case in limited
     )
     return f"""## The smallest network that reaches 95% and 99% of the limit
 
-Fewest parameters with which the validation cells reach the level in the mean over seeds, and what of the
-limit the test cells then gain, the worst seed in brackets.{exception}
+{textwrap.fill(told, 109)}
 
 {smallest(found).as_markdown(texts=2)}"""
 
@@ -133,9 +135,9 @@ def _figure(found: Mapping[str, CaseFindings]) -> str:
 
 ![What is missing of the limit, by the number of parameters]({FOLDER}/{FIGURE})
 
-*What of the limit is missing in the test, by the number of parameters, for {", ".join(found)}; of rungs of
-the same size the one that validation prefers; of pruned networks, those that it prefers to all smaller ones.
-Grey lines: 95% and 99% of the limit. Dashed: greedy, which has no parameter.*
+*What of the limit is missing in the test, by the number of parameters; of rungs of the same size the one that
+validation prefers; of pruned networks, those that it prefers to all smaller ones. Grey lines: the levels of
+95% and 99%; ringed are the fewest parameters that reach them. Dashed: greedy, which has no parameter.*
 """
 
 
@@ -184,10 +186,10 @@ def _drawing(case: str, found: CaseFindings, drawn: Drawn, plan: MinimalPlan) ->
 
 ![The smallest brain of {case}]({FOLDER}/brain_{case}.svg)
 
-The smallest of all methods that reaches the highest level ({METHODS[drawn.source.rung.method]}, seed
-{drawn.seed}). c₀ and κ₀ are of the newest record, c₁ and κ₁ of the one before; κ is −1 or +1. Typed in from
-the drawing it gains {drawn.gain:.2f} with the test cells, {of_limit} of the limit; {exact:.2f} before its
-numbers were rounded.
+The smallest of all methods that reaches the highest level that {drawing.MOST} parameters or fewer reach
+({METHODS[drawn.source.rung.method]}, seed {drawn.seed}). c₀ and κ₀ are of the newest record, c₁ and κ₁ of
+the one before; κ is −1 or +1. Typed in from the drawing it gains {drawn.gain:.2f} with the test cells,
+{of_limit} of the limit; {exact:.2f} before its numbers were rounded.
 
 ```text
 {lines}
@@ -207,8 +209,9 @@ def _tables(plan: MinimalPlan, tables: Sequence[Tabulated]) -> str:
         rows.append(row)
     return f"""## From tables
 
-An action for every bin of the two newest c* and both their κ*, filled by dynamic programming (see
-`trainers/minimal/tables.py`), in the world of {plan.cases[0]} with N_T records: what of that world's limit
-the test cells gain, and how many entries of the table they pass.
+An action for every bin of two c*, of the newest record and of the one a quarter of a turn before it, and of
+both their κ*, filled by dynamic programming (see `trainers/minimal/tables.py`), in the world of
+{plan.cases[0]} with N_T records: what of that world's limit the test cells gain, and how many entries of the
+table they pass.
 
 {Table.of(rows).as_markdown()}"""

@@ -86,11 +86,12 @@ def _tabulated(plan: MinimalPlan) -> list[Tabulated]:
 
 
 def chosen(case: str, plan: MinimalPlan, found: CaseFindings) -> Drawn:
-    """The smallest brain of all methods that reaches the highest level that any does, of the seed that
-    validation prefers, its numbers rounded as far as that costs next to nothing.
+    """The smallest brain of all methods that reaches the highest level of those that can be drawn, of the
+    seed that validation prefers, its numbers rounded as far as that costs next to nothing.
     """
-    for level in (*LEVELS[::-1], 0.0):
-        fit = [each for method in METHODS if (each := found.smallest(method, level))]
+    for level in (*LEVELS[::-1], -np.inf):
+        smallest = filter(None, (found.smallest(method, level) for method in METHODS))
+        fit = [each for each in smallest if each.rung.parameters <= drawing.MOST]
         if fit:
             break
     source = min(fit, key=lambda each: (each.rung.parameters, -float(each.validation.mean())))

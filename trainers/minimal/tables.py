@@ -1,4 +1,5 @@
-"""Lookup tables: an action for every bin of the two newest records, for any number of records.
+"""Lookup tables: an action for every bin of the newest record and the one a quarter of a turn before it, for
+any number of records.
 
 A table is filled by dynamic programming: in each bin that a life passes, what the limit's policy could still
 gain after either action, known for every pose, is added up, and the better action is entered. Then lives
@@ -23,7 +24,7 @@ STAGE = 700  # of the streams of training cells
 
 @dataclass(frozen=True)
 class LookupTables:
-    """Tables of several seeds: the second action where the entry of the newest two c* (in bins) and κ* is
+    """Tables of several seeds: the second action where the entry of both records' c* (in bins) and κ* is
     above 0.
     """
 
@@ -37,10 +38,11 @@ class LookupTables:
 
     def place(self, world: World, state: State) -> np.ndarray:
         """The entry (seeds, cells) of a memory."""
-        seen = world.observation(state)
-        within = (seen[..., [0, 2]] / REACH + 1) * (self.bins / 2)
+        older = max(1, world.n_records // 4)  # of a turn's records
+        seen = world.observation(state)[..., [0, 1, 2 * older, 2 * older + 1]]
+        within = (seen[..., ::2] / REACH + 1) * (self.bins / 2)
         newest, before = np.moveaxis(np.clip(within.astype(int), 0, self.bins - 1), -1, 0)
-        curvature = (seen[..., [1, 3]] > 0).astype(int)
+        curvature = (seen[..., 1::2] > 0).astype(int)
         return ((newest * self.bins + before) * 2 + curvature[..., 0]) * 2 + curvature[..., 1]
 
 

@@ -16,6 +16,8 @@ from trainers.training.run_folder import RunError
 
 RECORD, REPORT = "reproduction.json", "report.md"
 ZOO = "zoo"  # of a reproduction that trained
+UNFINISHED = ("runs", "measured")  # what a reproduction goes on with
+RESULTS = (".csv", ".html", ".json", ".mp4", ".nc", ".png", ".safetensors", ".yaml")
 WRITING = ".writing."  # what a folder is called that is not whole yet
 
 
@@ -30,8 +32,8 @@ class Delivery(NamedTuple):
     folders: tuple[str, ...]  # whose files are all its own
 
     def check(self, folder: Path) -> None:
-        """Raises ReproductionError where `folder` cannot be written to, or holds files that this would
-        overwrite and did not write.
+        """Raises ReproductionError where `folder` cannot be written to, or holds results of something else,
+        or files that this would overwrite and did not write.
         """
         there = next(path for path in (folder, *folder.parents) if path.exists() or path.is_symlink())
         if not there.is_dir():
@@ -45,6 +47,14 @@ class Delivery(NamedTuple):
                 f"{folder} must be a new folder or that of an earlier reproduction: {folder / mine[0]} is "
                 f"there, but no {RECORD}"
             )
+        others = [] if self.files[0] in mine or not folder.is_dir() else sorted(folder.iterdir())
+        for path in others:
+            known = path.name in (*names, *UNFINISHED) or path.name.startswith(".")
+            if not known and (path.is_dir() or path.suffix in RESULTS):
+                raise ReproductionError(
+                    f"{folder} must be a new folder or that of an earlier reproduction of the same, got "
+                    f"one that holds {path.name}"
+                )
 
     def put_in_place(self, staged: Path, out: Path) -> None:
         """Copy what was written, file by file and each whole: first the record, which says whose folder it

@@ -75,12 +75,15 @@ class Plan(TrainingPlan):
     def test_world(self, test: str) -> World:
         """The world of a test; it is the same under every recipe."""
         experiment = next(iter(TESTS[test].values()))
-        world = self.settings(self.recipes[0], experiment).test_world()
-        if world.egg is None:
-            return world
-        (x, y), _ = world.egg
-        reach = self.radial_reach
-        return world.replace(start_box=((x - reach, x + reach), (y - reach, y + reach)))
+        return around_egg(self.settings(self.recipes[0], experiment).test_world(), self.radial_reach)
+
+
+def around_egg(world: World, reach: float) -> World:
+    """Where there is an egg, the world whose cells start in a square around it, `reach` to each side."""
+    if world.egg is None:
+        return world
+    (x, y), _ = world.egg
+    return world.replace(start_box=((x - reach, x + reach), (y - reach, y + reach)))
 
 
 _composed = functools.lru_cache(maxsize=64)(lambda *words: settings_from(words))  # Hydra takes its time

@@ -88,6 +88,25 @@ class DQNSettings(LearningSettings):
         return self
 
 
+@ALGORITHMS.register("drqn")
+@dataclass(config=RULES, frozen=True, kw_only=True)
+class DRQNSettings(DQNSettings):
+    """Deep recurrent Q-learning (Hausknecht and Stone 2015, Kapturowski et al. 2019), from sequences of
+    `collect` decisions, so many that an update has `batch_size`; none of its own numbers is the paper's.
+    """
+
+    learner: ClassVar[Any] = "trainers.algorithms.drqn:DRQN"
+    n_swimmers: Count = 40
+    seen: Annotated[Count, Field(ge=2)] = 2  # newest records that the network is shown; others it remembers
+    nodes: Annotated[Count, Field(le=1024)] = 32  # of the recurrent layer, a GRU (Cho et al. 2014)
+    hidden: Sizes = dataclasses.field(
+        default_factory=list
+    )  # layers between the recurrent one and the outputs
+    collect: Whole = 20
+    burn_in: Whole = 10  # decisions before those, which only bring the hidden state up to date
+    batch_size: Count = 640
+
+
 @ALGORITHMS.register("ppo")
 @dataclass(config=RULES, frozen=True, kw_only=True)
 class PPOSettings(LearningSettings):

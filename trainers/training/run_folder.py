@@ -154,12 +154,24 @@ def part_done(folder: Path, epochs: int) -> float:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Plain data only; aliases, with which a small file can stand for an endless one, are refused."""
+    """Plain data only; aliases, with which a small file can stand for an endless one, are refused, and keys
+    that are given twice.
+    """
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError("it must not hold aliases")
         return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        found: set[Any] = set()
+        for key, _ in node.value:
+            value = self.construct_object(key, deep=True)
+            if isinstance(value, str | int | float) and value in found:
+                place = key.start_mark
+                raise yaml.YAMLError(f"keys must be given once, got {value} again in line {place.line + 1}")
+            found |= {value} if isinstance(value, str | int | float) else set()
+        return super().construct_mapping(node, deep)
 
 
 # 1e-3 is a number, as in words.

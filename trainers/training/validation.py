@@ -14,7 +14,7 @@ from swarm.physics.world import World
 from swarm.policies.strategies import Greedy
 from swarm.population.blocks.block import lives
 from swarm.population.results import RIVAL
-from trainers.algorithms.networks import best
+from trainers.algorithms.networks import best, steered
 
 
 class Validation:
@@ -54,7 +54,8 @@ class Validation:
         """
         env = self.env
         env.set_seeds(self.seeds)  # the same lives every time
-        observation = env.restart()
+        observation, hidden = env.restart(), None
         while not env.all_finished():
-            observation = env.advance(best(policy(observation), self.world.action_range)).observation
+            outputs, hidden = steered(policy, observation, hidden)
+            observation = env.advance(best(outputs, self.world.action_range)).observation
         return env.gain().double().mean(-1).cpu().numpy()

@@ -14,9 +14,9 @@ from jax.custom_batching import custom_vmap
 
 from swarm._support.arrays import join
 from swarm._support.checks import check_count, check_name
-from swarm.envs.actions import action_space
 from swarm.envs.arena import make_world, told, with_parameters
-from swarm.physics.motion.arc import Pose, components
+from swarm.envs.spaces import action_space
+from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.swimmer import Way
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import State, World
@@ -102,14 +102,15 @@ class JaxSwarmEnv:
     @functools.partial(jax.jit, static_argnums=0)
     def step(self, key: Array, state: EnvState, action: Array) -> Step:
         """One decision of every cell, `action` (cells,) whole numbers 0 … m − 1, or curvatures (cells,) or
-        (cells, 1) where these are the actions; where all have finished, the next life begins.
+        (cells, 1) where these are the actions; where all have finished, the next life begins. Raises
+        TypeError for an action of another shape or kind; its values are not looked at.
         """
-        return self._step(_typed(key), state, action)
+        return self._step(_typed(key), state, self._checked(action))
 
     @functools.partial(jax.jit, static_argnums=0)
     def step_env(self, key: Array, state: EnvState, action: Array) -> Step:
         """`step` that leaves finished worlds as they are; it can be differentiated."""
-        return self._advanced(_typed(key), state, action)
+        return self._advanced(_typed(key), state, self._checked(action))
 
     def render(self, state: EnvState) -> np.ndarray:
         """A picture (720, 960, 3) uint8 of one world."""
@@ -118,6 +119,18 @@ class JaxSwarmEnv:
         viewer = Viewer(self.world)
         viewer.follow(state.cells.each(np.asarray))
         return viewer.picture()
+
+    def _checked(self, action: Array) -> Array:
+        """An action of one world; raises TypeError unless it has the shape and the kind of one."""
+        shapes = [(self.n_swimmers,), *([(self.n_swimmers, 1)] if self.world.is_continuous else [])]
+        kind, name = (
+            (jnp.floating, "curvatures") if self.world.is_continuous else (jnp.integer, "whole numbers")
+        )
+        shape, dtype = (getattr(action, each, None) for each in ("shape", "dtype"))
+        if shape not in shapes or not jnp.issubdtype(dtype, kind):
+            got = type(action).__name__ if shape is None else f"{shape} of {dtype}"
+            raise TypeError(f"action must be {name} {' or '.join(map(str, shapes))}, got {got}")
+        return action
 
     # --- arrays with any leading axes: worlds ---------------------------------------------------------------
 
@@ -166,24 +179,25 @@ class JaxSwarmEnv:
 
         def swum() -> tuple[Array, ...]:
             pose, path, _ = self.world.way(cells, action, noise)
-            return *components(pose.position), *components(pose.heading), path
+            return *_columns(pose.position), *_columns(pose.heading), path
 
         def stood() -> tuple[Array, ...]:
             way = jax.eval_shape(swum)[-1]
             path = None if way is None else jnp.broadcast_to(cells.position, way.shape)
-            return *components(cells.position), *components(cells.heading), path
+            return *_columns(cells.position), *_columns(cells.heading), path
 
-        x, y, *heading, path = jax.lax.cond(_all_over(cells.finished), stood, swum)
+        *columns, path = jax.lax.cond(_all_over(cells.finished), stood, swum)
+        place, heading = columns[: self.world.dimensions], columns[self.world.dimensions :]
         interval = self.world.way(cells, action, noise).interval
-        return Way(Pose(join(x, y), join(*heading)), path, interval)
+        return Way(Pose(join(*place), join(*heading)), path, interval)
 
     # --- draws of one world ---------------------------------------------------------------------------------
 
     def _starts(self, key: Array) -> dict[str, Array]:
         """What `World.start` takes; poses are uniform where cells may begin."""
-        world, cells = self.world, self.n_swimmers
-        (left, right), (bottom, top) = world.box
-        low, high = (np.asarray(each, self.dtype) for each in ((left, bottom, -np.pi), (right, top, np.pi)))
+        world, cells, size = self.world, self.n_swimmers, self.world.dimensions
+        sides = (*world.box, (-np.pi, np.pi))[:3]  # in the plane the heading's too
+        low, high = np.asarray(sides, self.dtype).T
 
         def drawn(key: Array, columns: int = 0) -> tuple[Array, Array]:
             uniform = jax.random.uniform(key, (cells, 3 + columns), self.dtype)
@@ -191,14 +205,17 @@ class JaxSwarmEnv:
 
         def again(carry: tuple[Array, Array]) -> tuple[Array, Array]:
             key, now = jax.random.split(carry[0])
-            bad = self._is_no_start(carry[1][:, :2])
+            bad = self._is_no_start(carry[1][:, :size])
             return key, jnp.where(bad[:, None], drawn(now)[0], carry[1])
 
         pose, past = drawn(key, world.n_records)
         if world.egg is not None or world.domains:
             first = jax.random.fold_in(key, 0), pose
-            pose = jax.lax.while_loop(lambda c: jnp.any(self._is_no_start(c[1][:, :2])), again, first)[1]
-        found = {"position": pose[:, :2], "heading": pose[:, 2]}
+            pose = jax.lax.while_loop(lambda c: jnp.any(self._is_no_start(c[1][:, :size])), again, first)[1]
+        found = {"position": pose[:, :size], "heading": pose[:, -1]}
+        if size == 3:
+            rotation = jax.random.normal(jax.random.fold_in(key, 3), (cells, 4), self.dtype)
+            found["heading"] = rotation / jnp.linalg.norm(rotation, axis=-1, keepdims=True)
         found["past"] = jnp.floor(past * world.n_actions).astype(jnp.int32)
         if world.spread is not None:
             normal = jax.random.normal(jax.random.fold_in(key, 1), (cells, 2), self.dtype)
@@ -213,7 +230,7 @@ class JaxSwarmEnv:
         if self.world.egg is not None:
             centre, radius = self.world.egg
             away = position - np.asarray(centre, self.dtype)
-            bad = jnp.hypot(away[..., 0], away[..., 1]) <= radius
+            bad = jnp.linalg.norm(away, axis=-1) <= radius
         for inside in self.world.domains:
             bad = bad | ~inside(position)
         return bad
@@ -246,8 +263,19 @@ class JaxSwarmEnv:
 
 
 def _typed(key: Array) -> Array:
-    """A key of the new kind, whichever is given."""
+    """A key of the new kind, whichever is given; raises TypeError for what is none."""
+    dtype = getattr(key, "dtype", None)
+    if dtype is None or not (
+        jnp.issubdtype(dtype, jax.dtypes.prng_key) or (key.ndim and dtype == jnp.uint32)
+    ):
+        got = key if dtype is None else f"{key.shape} of {dtype}"
+        raise TypeError(f"key must be one of jax.random, as jax.random.key(0) makes it, got {got}")
     return key if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(key)
+
+
+def _columns(vector: Array) -> list[Array]:
+    """The numbers (...) of vectors (..., n)."""
+    return [vector[..., i] for i in range(vector.shape[-1])]
 
 
 def _each(function: Callable[[Array], Any], key: Array) -> Any:

@@ -30,7 +30,7 @@ class SwarmEnv(Worlds, EnvBase):
     done waits, masked, until every cell of its world is done; then the root `done` of the world is set and
     the world restarts. A row of data is valid where ("swimmers", "done") was False before the step. With
     `return_state`, `state` (worlds, cells, 4) is there for a central critic: x, y [length], heading [rad] and
-    curvature [1 / length], as the PettingZoo face has it.
+    curvature [1 / length], in space (worlds, cells, 7) place and quaternion, as the PettingZoo face has it.
 
     Starts come from the same streams as the PettingZoo face: world w of seed s holds rows `first` + w ·
     n_swimmers … of that seed's population. With `seeds` given, the worlds are shared out evenly among several

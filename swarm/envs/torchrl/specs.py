@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import torch
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 
+from swarm.envs.spaces import state_bounds
 from swarm.physics.world import World
 
 ENDS = ("done", "terminated", "truncated")
@@ -44,7 +45,7 @@ def specs_of(
         **({} if world.first_arrivals is None else {"won": Binary(shape=(*shape, 1), **flag)}),
     )
     if with_state:
-        observation["state"] = Unbounded(shape=(*shape, 4), **numbers)
+        observation["state"] = Unbounded(shape=(*shape, len(state_bounds(world)[0])), **numbers)
     if world.action_range is None:
         action: Any = Categorical(world.n_actions, shape=shape, dtype=torch.int64, device=device)
     else:

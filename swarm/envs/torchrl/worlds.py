@@ -15,6 +15,7 @@ from swarm._support.arrays import namespace, where_chosen
 from swarm._support.checks import check_count, check_name
 from swarm._support.compiler import compiled
 from swarm.envs.arena import no_medium
+from swarm.envs.spaces import state_table
 from swarm.physics.starts import Draws, draw_shared, noise_of
 from swarm.physics.world import Outcome, State, World
 
@@ -203,12 +204,9 @@ class Worlds:
             self._gain = self._bare(arrays["gain"].to(self._place))
 
     def _table(self) -> Tensor:
-        """x, y, heading and curvature (worlds, cells, 4) float32 of all cells."""
+        """The state (worlds, cells, columns) float32 of all cells, see `state_table`."""
         assert self._state is not None
-        heading, curvature = self.world.heading_angle(self._state), self.world.curvature(self._state)
-        position = self._tensor(self._state.position)
-        columns = [position, self._tensor(heading)[..., None], self._tensor(curvature)[..., None]]
-        return torch.cat([each.float() for each in columns], dim=-1)
+        return self._tensor(state_table(self.world, self._state, self.world.curvature(self._state))).float()
 
     def _array(self, values: np.ndarray) -> Array:
         """`values` in the library that computes decisions, real numbers in the environment's precision."""

@@ -20,6 +20,9 @@ from swarm.population.statistics import statistics
 if TYPE_CHECKING:
     import xarray as xr
 
+GAIN = r"gain $\Delta c = c(t_\mathrm{life}) - c(0)$"
+BINS, AT_ONCE = 120, 2**20  # of a distribution, and cells that are read at once
+
 
 @style.styled
 def centrelines(
@@ -151,6 +154,38 @@ def gains(results: xr.Dataset, *, policies: Sequence[str] | None = None) -> Figu
     return figure
 
 
+@style.styled
+def distribution(results: xr.Dataset, *, policies: Sequence[str] | None = None) -> Figure:
+    """How the gains of a population of any size are distributed, by default under all policies: the density
+    of cells. Thin lines mark the means and, where there is one, the limit of the mean. Results in a file are
+    read part by part.
+    """
+    figure = style.canvas(0.62, 0.42)
+    axes, numbers = figure.add_subplot(), statistics(results)
+    chosen = style.chosen_policies(results, policies)
+    low, high = min(numbers[name]["min"] for name in chosen), max(numbers[name]["max"] for name in chosen)
+    edges = np.linspace(low, high if high > low else low + 1.0, BINS + 1)
+    for name, look in style.looks(chosen).items():
+        own, counts = numbers[name], _counts(results["gain"].sel(policy=name), edges)
+        label = f"{look.label}: {own['mean']:.2f} ± {own['std']:.2f}"
+        density = counts / counts.sum() / np.diff(edges)
+        axes.stairs(density, edges, color=look.colour, linestyle=look.line, linewidth=1.0, label=label)
+        axes.axvline(own["mean"], color=look.colour, linestyle=look.line, linewidth=0.6)
+    if (limit := results.attrs.get("limit")) is not None:
+        limited = {"color": style.INK, "linestyle": style.look("optimal").line, "linewidth": 0.6}
+        axes.axvline(limit, **limited, label=f"{style.LIMIT}: {limit:.2f}")
+    axes.set(xlabel=GAIN, ylabel="density of cells", ylim=(0, None))
+    axes.legend(frameon=True, framealpha=1.0, edgecolor="none")
+    return figure
+
+
+def _counts(gain: xr.DataArray, edges: np.ndarray) -> np.ndarray:
+    """How many gains ([worlds,] cells) lie between edges."""
+    step = max(1, AT_ONCE // (gain.size // gain.sizes["cell"]))
+    parts = (gain.isel(cell=slice(at, at + step)).values for at in range(0, gain.sizes["cell"], step))
+    return np.sum([np.histogram(part, edges)[0] for part in parts], axis=0)
+
+
 def _gains_panel(axes: Axes, results: xr.Dataset, policies: Sequence[str]) -> None:
     numbers, cells, marks = statistics(results), results.sizes["cell"], []
     for name, look in style.looks(policies).items():
@@ -161,7 +196,7 @@ def _gains_panel(axes: Axes, results: xr.Dataset, policies: Sequence[str]) -> No
         axes.axhline(own["mean"], color=look.colour)
         marks.append((own["mean"], f"{look.label}\n{own['mean']:.1f} ± {own['std']:.1f}", look.colour))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="cell", ylabel=r"gain $\Delta c = c(t_\mathrm{life}) - c(0)$", xlim=(0, cells + 1))
+    axes.set(xlabel="cell", ylabel=GAIN, xlim=(0, cells + 1))
     limit = results.attrs.get("limit")
     if limit is not None:
         axes.axhline(limit, color=style.INK, linestyle=style.look("optimal").line)

@@ -109,11 +109,11 @@ def lived(
         tell = progress and functools.partial(_tell, progress, number * share, share)
         own: dict[str, Any] = {"frames": block.number == 0, "progress": tell, **which}
         found[name] = lives_of(policy, name=name, record=record, **own)
-    results = as_dataset(starts, found, origin(world, test.seed), every=test.every)
-    for dimension, first in (("cell", block.cell), ("world", block.world)):
-        if dimension in results.dims:
-            results[dimension] = results[dimension] + np.int32(first)
-    if test.has_series and len(blocks_of(test)) > 1:  # blocks end at different times
+    divided = len(blocks_of(test)) > 1
+    places = {"every": test.every, "world": block.world, "cell": block.cell}
+    indexed = test.has_series or not divided
+    results = as_dataset(starts, found, origin(world, test.seed), **places, indexed=indexed)
+    if test.has_series and divided:  # blocks end at different times
         results = results.reindex(decision=test.every * np.arange(test.sizes["decision"], dtype=np.int32))
     summed = tally(results, test.bounds, coupled=world.is_shared)
     return summed, None if test.record == "statistics" else results

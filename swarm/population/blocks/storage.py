@@ -95,15 +95,16 @@ class Storage:
         columns = {str(name): each.values for name, each in part.variables.items()}
         words = {name: each.tolist() for name, each in columns.items() if each.dtype.kind in "OUT"}
         numbers = {name: np.ascontiguousarray(each) for name, each in columns.items() if name not in words}
-        files.write_bytes(self._file(number), safetensors.numpy.save(numbers, {WORDS: json.dumps(words)}))
+        with files.replacing(self._file(number)) as temporary:
+            safetensors.numpy.save_file(numbers, temporary, {WORDS: json.dumps(words)})
 
     def part(self, number: int) -> xr.Dataset:
-        """A part that is there."""
+        """A part that is there, in which nothing can be looked up by coordinates."""
         with safetensors.safe_open(self._file(number), "numpy") as stored:
             words = json.loads(stored.metadata()[WORDS])
             columns = {name: np.array(each) for name, each in words.items()}
             columns |= {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
-        return relabelled(columns, json.loads(json.loads(self.told)["world"]).get("units"))
+        return relabelled(columns, json.loads(json.loads(self.told)["world"]).get("units"), indexed=False)
 
     def opened(self) -> xr.Dataset:
         """The whole, whose numbers are read when they are asked for."""
@@ -121,9 +122,14 @@ class Storage:
         attributes are asked for when all are written.
         """
         import h5netcdf
+        import h5py
 
-        made: dict[str, Any] = {}
-        with files.replacing(self.path) as temporary, h5netcdf.File(temporary, "w") as file:
+        made: dict[str, Any] = {}  # by h5py, which does not look up its dimensions for every part
+        with (
+            files.replacing(self.path) as temporary,
+            h5py.File(temporary, "w", rdcc_nbytes=0) as whole,
+            h5netcdf.File(whole, "w") as file,
+        ):
             for part in parts:
                 for name, values in part.variables.items():
                     numbers, labels = values.values, dict(values.attrs)
@@ -133,14 +139,15 @@ class Storage:
                         for each in values.dims:
                             if each not in file.dimensions:
                                 file.dimensions[each] = sizes.get(str(each), part.sizes[each])
-                        made[str(name)] = _variable(file, str(name), values.dims, numbers, labels)
+                        _variable(file, str(name), values.dims, numbers, labels)
+                        made[str(name)] = whole[str(name)]
                     made[str(name)][_place(part, values.dims)] = numbers
             for key, value in {**attributes(), "identity": self.told}.items():
                 file.attrs[key] = value
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def _variable(file: Any, name: str, dimensions: Any, numbers: np.ndarray, labels: dict[str, Any]) -> Any:
+def _variable(file: Any, name: str, dimensions: Any, numbers: np.ndarray, labels: dict[str, Any]) -> None:
     import h5py
 
     options: dict[str, Any] = {"fillvalue": np.nan} if numbers.dtype.kind == "f" else {}
@@ -151,7 +158,6 @@ def _variable(file: Any, name: str, dimensions: Any, numbers: np.ndarray, labels
     made = file.create_variable(name, dimensions, dtype, **options)
     for key, value in labels.items():
         made.attrs[key] = value
-    return made
 
 
 def _place(part: xr.Dataset, dimensions: Iterable[Any]) -> tuple[slice, ...]:

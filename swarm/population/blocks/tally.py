@@ -16,7 +16,7 @@ import numpy as np
 
 from swarm.optimal.physical_limit import Bounds, extrapolated
 from swarm.population.results import RIVAL
-from swarm.population.statistics import arrivals, fraction_of_limit, half_width, independent
+from swarm.population.statistics import fraction_of_limit, half_width, independent, times_to_egg
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -97,15 +97,21 @@ def tally(results: xr.Dataset, bounds: Bounds | None, *, coupled: bool) -> Tally
     gains = results["gain"].transpose("policy", ..., "cell").values  # (policies, [worlds,] cells)
     gains = gains.reshape(len(gains), -1, gains.shape[-1])
     ahead = gains - gains[results["policy"].values.tolist().index(RIVAL)]
-    units = [np.stack([independent(each, coupled) for each in values]) for values in (gains, ahead)]
+    of_units = [
+        Moments.of(np.stack([independent(each, coupled) for each in values]))
+        for values in (gains, ahead)
+        if coupled
+    ]
     gains, ahead = (each.reshape(len(each), -1) for each in (gains, ahead))
+    of_all = [Moments.of(gains), Moments.of(ahead)]
+    of_units = of_units or of_all
     kept = min(SAMPLE, gains.shape[1])
     ranks = ((np.arange(kept) + 0.5) * (gains.shape[1] / kept)).astype(int)
     return Tally(
-        Moments.of(gains),
-        Moments.of(ahead),
-        Moments.of(units[0]),
-        Moments.of(units[1]),
+        of_all[0],
+        of_all[1],
+        of_units[0],
+        of_units[1],
         (ahead > 0).sum(axis=1),
         *_arrivals(results),
         np.sort(gains, axis=1)[:, ranks],
@@ -117,8 +123,13 @@ def tally(results: xr.Dataset, bounds: Bounds | None, *, coupled: bool) -> Tally
 
 
 def _arrivals(results: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    came = arrivals(results)
-    return tuple(np.array([row[name] for row in came.values()]) for name in ("arrived", "mean"))  # type: ignore[return-value]
+    """How many cells (policies,) came to the egg, and the mean time (policies,) that these took."""
+    if not results["arrived"].values.any():
+        return np.zeros(results.sizes["policy"], int), np.full(results.sizes["policy"], np.nan)
+    times = times_to_egg(results).values.reshape(results.sizes["policy"], -1)
+    came = np.isfinite(times)
+    means = [row[there].mean() if there.any() else np.nan for row, there in zip(times, came, strict=True)]
+    return came.sum(axis=1), np.array(means)
 
 
 def _mean_of(number: np.ndarray, mean: np.ndarray, further: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -1,14 +1,18 @@
-"""Actions as the faces know them: their spaces, and what is said of one that is none."""
+"""Actions and states as the faces know them: their spaces, and what is said of an action that is none."""
 
 from __future__ import annotations
 
+import math
 import operator
 from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box, Discrete
 
-from swarm.physics.world import World
+from swarm._support.arrays import namespace
+from swarm.physics.world import State, World
+
+Array = Any
 
 
 def action_space(world: World) -> Discrete | Box:
@@ -60,3 +64,21 @@ def checked_one(world: World, name: str, action: Any) -> float:
     if not world.is_action(number):
         raise ValueError(rule)
     return number
+
+
+def state_bounds(world: World) -> tuple[list[float], list[float]]:
+    """The lowest and the highest number of each column of a `state_table`; infinite where there is none."""
+    somewhere = [math.inf] * world.dimensions
+    if world.dimensions == 3:
+        return [*(-each for each in somewhere), *[-1.0] * 4], [*somewhere, *[1.0] * 4]
+    (low, high), turn = world.curvature_bounds, math.pi
+    return [*(-each for each in somewhere), -turn, low], [*somewhere, turn, high]
+
+
+def state_table(world: World, state: State, curvature: Array) -> Array:
+    """What a central critic is shown of every cell (..., cells, columns): x, y [length], heading in [−π, π]
+    [rad] and `curvature` (..., cells) [1 / length]; in space x, y, z and the unit quaternion w, x, y, z.
+    """
+    place, heading = state.position, world.orientation(state)
+    flat = [heading[..., None], curvature[..., None]] if world.dimensions == 2 else [heading]
+    return namespace(place).concat([place, *flat], axis=-1)

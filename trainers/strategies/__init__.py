@@ -1,0 +1,1 @@
+"""All strategies in all worlds, each beside what is possible there."""

@@ -1,0 +1,74 @@
+"""The plan of the table: which strategies live in which worlds, and what is trained for it."""
+
+import dataclasses
+from dataclasses import dataclass
+
+from swarm.physics.world import World
+from trainers.minimal.plan import MinimalPlan
+from trainers.paper.plan import TrainingPlan, around_egg
+from trainers.settings.composition import SettingsError, names_of
+
+WORLDS = ("linear_n2", "linear_n4", "linear_n8", "varying_speed", "taylor_green_aware", "radial", "space")
+DQN, PPO, MINIMAL, OPTIMAL = "dqn", "ppo", "minimal", "optimal"
+STRATEGIES = {  # in the order of the table
+    "random": "random",
+    "swinging": "swinging",
+    "greedy": "greedy",
+    "adaptive": "adaptive, linear",
+    "adaptive_on_off": "adaptive, on–off",
+    MINIMAL: "minimal: two-state machine",
+    DQN: "DQN",
+    PPO: "PPO, any curvature",
+    OPTIMAL: "optimal",
+}
+TUNED = "tuning=ppo_swarm_continuous_n4"  # of PPO where curvatures are actions
+
+
+def usual_worlds() -> tuple[str, ...]:
+    """Those of WORLDS for which there is an experiment."""
+    return tuple(each for each in WORLDS if each in names_of("experiment"))
+
+
+@dataclass(frozen=True)
+class StrategiesPlan(TrainingPlan):
+    """What decides the table."""
+
+    recipes: tuple[str, ...] = ("swarm",)
+    n_seeds: int = 5
+    # experiments, whose tests' worlds those of the table are
+    worlds: tuple[str, ...] = dataclasses.field(default_factory=usual_worlds)
+    experiments: tuple[str, ...] = dataclasses.field(init=False)  # WORLD_ALGORITHM, what is trained
+    generations: int = 30  # of the search for the two-state machine
+    cells: int = 200  # of a test
+    egg_cells: int = 100  # of a test around an egg
+    egg_reach: float = 30.0  # they start in a square around it, so far to each side [length]
+    seed: int = 400  # of the test populations
+
+    def __post_init__(self) -> None:
+        found = [f"{name}_{DQN}" for name in self.worlds]
+        found += [f"{name}_{PPO}" for name in self.worlds if not isinstance(self.continuous(name), str)]
+        object.__setattr__(self, "experiments", tuple(found))
+
+    def chosen(self, experiment: str) -> tuple[str, ...]:
+        """The words that choose the settings of a training."""
+        name, algorithm = experiment.rsplit("_", 1)
+        words = (f"experiment={name}", f"algorithm={algorithm}")
+        return (*words, TUNED, "world.action=continuous") if algorithm == PPO else words
+
+    def world(self, name: str) -> World:
+        """The world of a test, with its life."""
+        return around_egg(self.settings(self.recipes[0], f"{name}_{DQN}").test_world(), self.egg_reach)
+
+    def continuous(self, name: str) -> World | str:
+        """The same world with curvatures as actions, or why there is none."""
+        try:
+            return self.world(name).replace(action="continuous")
+        except SettingsError:
+            raise
+        except ValueError as error:
+            return str(error)
+
+    @property
+    def search(self) -> MinimalPlan:
+        """How the two-state machine is searched for."""
+        return MinimalPlan(n_seeds=self.n_seeds, generations=self.generations)

@@ -1,0 +1,154 @@
+"""The report on all strategies in words, every number of which was just measured."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from swarm._support import provenance
+from swarm._support.tables import NOTHING, Table, percent
+from trainers.paper.claims import Estimate
+from trainers.strategies.illustrations import FIGURE, FOLDER
+from trainers.strategies.measurements import Lived, WorldFindings
+from trainers.strategies.plan import OPTIMAL, PPO, STRATEGIES, StrategiesPlan, usual_worlds
+
+OWN = f"{STRATEGIES[PPO]}, of its own limit"
+LIMIT, ANY = "the limit", "the limit, any curvature"
+
+
+def rows(name: str, found: WorldFindings) -> Iterator[dict[str, Any]]:
+    """A row for every strategy."""
+    for strategy, lived in found.lived.items():
+        row: dict[str, Any] = {"world": name, "strategy": strategy}
+        seeds, cells = lived.gain.shape if isinstance(lived, Lived) else (None, None)
+        row |= {"seeds": seeds, "cells": cells}
+        own = found.fraction(strategy, any_curvature=True) if strategy == PPO else None
+        numbers = {"gain": found.gain(strategy), "of the limit": found.fraction(strategy)}
+        numbers |= {"of its own limit": own, "arrived": found.arrived(strategy)}
+        numbers["time to the egg"] = found.time_to_egg(strategy)
+        for what, number in numbers.items():
+            low, high = (number and number.interval) or (None, None)
+            row |= {what: number and number.value, f"{what}, low": low, f"{what}, high": high}
+            row[f"{what}, worst seed"] = number and number.lowest
+        yield row | {"why not": lived if isinstance(lived, str) else None}
+
+
+def text(plan: StrategiesPlan, found: Mapping[str, WorldFindings]) -> str:
+    """Markdown, to be read on its own."""
+    return "\n".join([_opening(plan), _fractions(found), _gains(found), _egg(found), _reasons(found)])
+
+
+def _opening(plan: StrategiesPlan) -> str:
+    words = [] if plan.worlds == usual_worlds() else [f"experiment={','.join(plan.worlds)}"]
+    words += [*plan.words, *([] if plan.n_seeds == StrategiesPlan.n_seeds else [f"--seeds {plan.n_seeds}"])]
+    versions = ", ".join(f"{name} {version}" for name, version in provenance.versions().items())
+    return f"""# All strategies
+
+Printed by `{" ".join(["swarm strategies", *words])}`; to be changed by running it again, not by hand.
+
+Every strategy in every world, beside what is possible there: the [limit](../../how-to/limit.md) of a cell
+that knows its pose. Worlds are those of the experiments' tests, lives as long as there; all strategies steer
+the same {plan.cells} cells of population seed {plan.seed}, {plan.egg_cells} around an egg, which start within
+{plan.egg_reach:g} of it. None of them was seen in training, searching or validation.
+
+- **Random, swinging, greedy**: as in the paper.
+- **Adaptive**: the sampled [adaptive cell](../../adaptive_cell.md) with its default numbers.
+- **Minimal**: the two-state machine, three parameters (see [the smallest brain](../minimal/report.md)),
+  searched for in each world by CMA-ES for {plan.generations} generations. It does not feel the flow.
+- **DQN**: recipe `swarm`, trained for each world. **PPO**: [any curvature](../../continuous_steering.md) from
+  κ₁ to κ₂ as action; its numbers are those tuned for N_T = 4. Both keep of each training what its validation
+  cells prefer.
+- **Optimal**: dynamic programming with full knowledge of the pose, for two curvatures.
+
+What is trained or searched for has {plan.n_seeds} independent seeds, all of which count: intervals are 95%,
+Student's, over training seeds and test cells, which are crossed; of the others over the cells. Fractions are
+of the limit of the very same cells, whose spread is part of the interval.
+
+{versions}; commit {provenance.commit() or "unknown"}.
+"""
+
+
+def fractions(found: Mapping[str, WorldFindings]) -> Table:
+    """What part of the limit each strategy attains in each world."""
+    table: list[dict[str, Any]] = []
+    for strategy, label in STRATEGIES.items():
+        numbers = {name: each.fraction(strategy) for name, each in found.items()}
+        table.append({"strategy": label, **{name: _percent(each) for name, each in numbers.items()}})
+        if strategy == PPO:
+            own = {name: each.fraction(PPO, any_curvature=True) for name, each in found.items()}
+            table.append({"strategy": OWN, **{name: _percent(each) for name, each in own.items()}})
+    return Table.of(table)
+
+
+def _fractions(found: Mapping[str, WorldFindings]) -> str:
+    return f"""## Of the limit
+
+{fractions(found).as_markdown()}
+The limit is that of two curvatures; any curvature of the range between them allows a little more, of which
+the line below PPO's is.
+
+![What part of the limit every strategy attains in every world]({FOLDER}/{FIGURE})
+
+*What part of the limit every strategy attains, with its interval; around an egg what part arrives.*
+"""
+
+
+def _percent(number: Estimate | None) -> str | None:
+    if number is None:
+        return None
+    half = NOTHING if number.interval is None else f"{100 * (number.interval[1] - number.value):.1f}"
+    return f"{percent(number.value)} ± {half}"
+
+
+def _gains(found: Mapping[str, WorldFindings]) -> str:
+    table: list[dict[str, Any]] = []
+    for strategy, label in STRATEGIES.items():
+        numbers = {name: each.gain(strategy) for name, each in found.items()}
+        told = {name: each and f"{each.value:.2f} ± {_half(each, 2)}" for name, each in numbers.items()}
+        table.append({"strategy": label, **told})
+    for label, field in ((LIMIT, "possible"), (ANY, "any_curvature")):
+        limits = {name: getattr(each, field) for name, each in found.items()}
+        told = {
+            name: None if isinstance(each, str) else f"{each.mean():.2f}" for name, each in limits.items()
+        }
+        table.append({"strategy": label, **told})
+    return f"""## Gains
+
+Concentration at the end of a life less that at its start.
+
+{Table.of(table).as_markdown()}"""
+
+
+def _half(number: Estimate, digits: int) -> str:
+    return NOTHING if number.interval is None else f"{number.interval[1] - number.value:.{digits}f}"
+
+
+def _egg(found: Mapping[str, WorldFindings]) -> str:
+    around = {name: each for name, each in found.items() if each.world.egg is not None}
+    if not around:
+        return ""
+    table = []
+    for strategy, label in STRATEGIES.items():
+        row: dict[str, Any] = {"strategy": label}
+        for name, each in around.items():
+            part, time = each.arrived(strategy), each.time_to_egg(strategy)
+            low, high = (part and part.interval) or (float("nan"), float("nan"))
+            row[name] = part and f"{percent(part.value)} ({100 * low:.1f} … {100 * high:.1f})"
+            row[f"{name}, time"] = time and f"{time.value:.0f} ± {_half(time, 0)}"
+        table.append(row)
+    return f"""## What part arrives at the egg
+
+And how long it takes where all arrive.
+
+{Table.of(table).as_markdown()}"""
+
+
+def _reasons(found: Mapping[str, WorldFindings]) -> str:
+    """Why there is a dash."""
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for name, each in found.items():
+        why: dict[str, Any] = {STRATEGIES[strategy]: lived for strategy, lived in each.lived.items()}
+        why |= {LIMIT: each.possible, ANY: each.any_curvature}
+        for label, reason in why.items():
+            if isinstance(reason, str) and label != STRATEGIES[OPTIMAL]:
+                reasons.setdefault((label, reason), []).append(name)
+    lines = [f"- {label} in {', '.join(names)}: {reason}." for (label, reason), names in reasons.items()]
+    return "\n".join(["## Why there is a dash", "", *(lines or ["There is none."]), ""])
