@@ -13,7 +13,7 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from time import perf_counter, process_time
+from time import perf_counter, process_time, sleep
 from typing import Any
 
 from trainers.jobs.cluster import Ray
@@ -63,6 +63,16 @@ def learning(executor: Executor, staleness: int) -> float:
     return seconds_of(lambda: algorithm.learn(algorithm.collect(0.0), 0.0))[0]
 
 
+def _loaded() -> str:
+    """The node of a worker that has loaded all it needs, and leaves other tasks to others for a while."""
+    import ray
+
+    import trainers.algorithms.spread  # noqa: F401
+
+    sleep(1.0)
+    return ray.get_runtime_context().get_node_id()
+
+
 @contextmanager
 def nodes(count: int) -> Iterator[Executor]:
     """A cluster of so many nodes of a core each."""
@@ -76,7 +86,11 @@ def nodes(count: int) -> Iterator[Executor]:
         for _ in range(count - 1):
             made.add_node(**each)
         made.wait_for_nodes()
-        yield Ray(made.address)
+        executor = Ray(made.address)
+        ready = set[str]()
+        while len(ready) < count:  # a worker loads for seconds, while another does all there is
+            ready |= {each.result() for each in [executor.submit(_loaded) for _ in range(count)]}
+        yield executor
     finally:
         ray.shutdown()
         made.shutdown()
@@ -102,7 +116,7 @@ def run() -> list[dict[str, Any]]:
         return math.ceil(BLOCKS / workers) * each + driver
 
     for workers, seconds in found.items():
-        rows.append(_row(f"{workers} processes", seconds, found[1], predicted(workers)))
+        rows.append(_row(f"{workers} process{'es' * (workers > 1)}", seconds, found[1], predicted(workers)))
     rows[-1]["at least"] = f"{AT_LEAST}"
     rows += [
         _row("2 processes and 150 updates", stale[0]),
@@ -120,7 +134,7 @@ def _of_nodes(predicted: Callable[[int], float]) -> list[dict[str, Any]]:
     for count in (1, 2):
         with nodes(count) as executor:
             found[count] = collecting(executor)[0]
-    return [_row(f"{n} nodes", seconds, found[1], predicted(n)) for n, seconds in found.items()]
+    return [_row(f"{n} node{'s' * (n > 1)}", seconds, found[1], predicted(n)) for n, seconds in found.items()]
 
 
 def _row(

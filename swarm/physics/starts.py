@@ -206,9 +206,9 @@ class Draws:
     """The random numbers of every decision, drawn by `draw_noise` or `draw_chance` a block at a time.
 
     Cells are (groups, ...): those of a group live in step, and the groups are shared out evenly among the
-    `seeds`, whose rows from the `first` on they take one after the other. Numbers depend on nothing but what is asked for, so
-    copies of whoever asks may share them. `place` takes a whole block to where it is needed, a device for
-    instance.
+    `seeds`, whose rows from the `first` on they take one after the other. Numbers depend on nothing but what
+    is asked for, so copies of whoever asks may share them. `place` takes a whole block to where it is needed,
+    a device for instance.
     """
 
     def __init__(

@@ -65,10 +65,11 @@ def test_blocks_are_whole_worlds_or_parts_of_one(cells, worlds, size, parts):
     [
         ("swarm", {"varying_speed": True}, {}),
         ("swarm", MEDIUM, {}),
+        ("drqn", {}, {}),
         ("ppo", {}, {"critic": "central"}),
         ("ppo", {"action": "continuous"}, {}),
     ],
-    ids=["dqn", "medium", "central critic", "continuous"],
+    ids=["dqn", "medium", "drqn", "central critic", "continuous"],
 )
 def test_a_single_block_trains_as_all_cells_at_once(recipe, world, learning):
     one, other = (settings_for(recipe, world, n_worlds=2, block=size, **learning) for size in (0, 10))
@@ -113,7 +114,7 @@ class Late(Future):
         return super().result()
 
 
-@pytest.mark.parametrize(("recipe", "staleness"), [("swarm", 0), ("ppo", 1)])
+@pytest.mark.parametrize(("recipe", "staleness"), [("swarm", 0), ("ppo", 1), ("drqn", 1)])
 def test_no_bit_depends_on_who_is_done_first(recipe, staleness):
     settings = settings_for(recipe, n_worlds=2, block=3, staleness=staleness)
     assert_same(trained(settings), trained(settings, Late))

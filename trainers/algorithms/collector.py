@@ -19,6 +19,7 @@ class SeedCollector:
     (`benchmarks/training_path.py`), and knows of no seeds. The policy reads `observation`
     (seeds, cells, inputs), `uniform` (seeds, cells, 2), numbers in [0, 1) that are each cell's own, and where
     `poses` is one of its `in_keys`, those; it writes its `out_keys`, among them `action` (seeds, cells).
+    What it remembers of each cell is its `hidden` (seeds, cells, ...).
     `cells` are those of one seed; `block` is the number of the part of them that is collected here.
     """
 
@@ -63,7 +64,9 @@ class SeedCollector:
         return self._by_seed(self.env.gain())
 
     def poses(self) -> Tensor:
-        """Position [length], heading as of `State` and κ* of all cells (seeds, cells, numbers) now."""
+        """Position [length], heading (unit vector) and κ* of all cells (seeds, cells, 5) as they are now; in
+        space (seeds, cells, 8), see `State`.
+        """
         state = self.env.state
         assert state is not None, "env.restart() must come first"
         return self._by_seed(torch.cat([state.position, state.heading, state.memory[..., 0, 1:2]], dim=-1))

@@ -50,15 +50,15 @@ class Sampling(TensorDictModuleBase):
         return tensordict.set("seen", self.seen(tensordict["observation"], tensordict.get("poses")))
 
     def seen(self, observation: Tensor, poses: Tensor | None) -> Tensor:
-        """Observations (seeds, cells, ...); with `poses` (seeds, cells, numbers), for a central critic,
-        followed by those of all cells of their worlds.
+        """Observations (seeds, cells, ...); with `poses` (seeds, cells, numbers), for a central critic, and
+        those of all cells of their worlds.
         """
         if poses is None:
             return observation
-        axes = len(self.middle)
-        place = (poses[..., :axes] - self.middle) / self.size
-        whole = torch.cat([place, poses[..., axes:]], dim=-1)
-        whole = whole.reshape(-1, self.n_swimmers * OF_A_CELL[axes])
+        dimensions = len(self.middle)
+        place = (poses[..., :dimensions] - self.middle) / self.size
+        whole = torch.cat([place, poses[..., dimensions:]], dim=-1)
+        whole = whole.reshape(-1, self.n_swimmers * whole.shape[-1])
         of_cells = whole.unsqueeze(1).expand(-1, self.n_swimmers, -1)  # the same for all cells of a world
         return torch.cat([observation, of_cells.reshape(*observation.shape[:2], -1).float()], dim=-1)
 

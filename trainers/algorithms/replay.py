@@ -73,11 +73,11 @@ class SeedReplay:
         return width(self.inputs)
 
     def pack(self, transitions: Mapping[Any, Tensor]) -> Tensor:
-        """Rows (decisions, seeds, cells, width) of transitions (decisions, seeds, cells), of the newest
-        decisions as many as there is room for.
+        """Rows (decisions, seeds, cells, width) of the newest transitions (decisions, seeds, cells), no more
+        decisions of them than there is room for.
         """
-        newest = -(-self.size // transitions["action"].shape[2])
-        return packed({key: part[-newest:] for key, part in transitions.items()})
+        decisions = -(-self.size // transitions["action"].shape[2])
+        return packed({key: part[-decisions:] for key, part in transitions.items()})
 
     def unpack(self, rows: Tensor) -> dict[Any, Tensor]:
         """The transitions (...) that were packed in rows (..., width)."""

@@ -27,6 +27,7 @@ Arrays = dict[str, np.ndarray]
 Submit = Callable[..., Future]  # of an executor
 
 SEEN, FOLLOWS, ALIVE = "observation", "next.observation", "collector.mask"
+HIDDEN = "hidden"  # attribute of policies that remember something of each cell
 OVER = {"next.reward": 0.0, "next.terminated": False, "next.done": True, ALIVE: False}  # all lives
 
 
@@ -87,12 +88,17 @@ def collected(settings: Settings, block: Block, policy: bytes, state: Arrays, de
         first=block.first,
         world=settings.training_world(),
     )
-    env.load_state_dict_of_env({name: torch.from_numpy(each.copy()) for name, each in state.items()})
-    steering = pickle.loads(policy).to(device or "cpu")
+    before = {name: torch.from_numpy(each.copy()).to(device or "cpu") for name, each in state.items()}
+    steering, hidden = pickle.loads(policy).to(device or "cpu"), before.pop(HIDDEN, None)
+    env.load_state_dict_of_env(before)
+    if hidden is not None:
+        steering.hidden = hidden.reshape(len(settings.seeds), -1, *hidden.shape[2:])
     flat = SeedCollector(env, steering, block.number).collect(decisions).flatten_keys(".")
     rollout = {name: _array(each) for name, each in flat.items()}
     rollout[SEEN] = np.concatenate([rollout[SEEN], rollout.pop(FOLLOWS)[-1:]])
-    return Found(rollout, {name: _array(each) for name, each in env.state_dict_of_env().items()})
+    after = {name: _array(each) for name, each in env.state_dict_of_env().items()}
+    after |= {} if hidden is None else {HIDDEN: _array(steering.hidden).reshape(hidden.shape)}
+    return Found(rollout, after)
 
 
 class Here(Future):
@@ -179,7 +185,9 @@ class SpreadCollector(SeedCollector):
     def _begin(self, decisions: int) -> list[Future]:
         """Tasks of all blocks, with the policy and the cells as they are now."""
         held, futures = self._held(), []
-        policy = self.policy if self.env.device is None else copy.deepcopy(self.policy).cpu()
+        policy = copy.copy(self.policy)
+        policy.__dict__.pop(HIDDEN, None)  # every block gets its own
+        policy = policy if self.env.device is None else copy.deepcopy(policy).cpu()
         pickled = None if hasattr(policy, "of_worlds") else pickle.dumps(policy)
         for block in self.blocks:
             parts = {name: block.of(each) for name, each in held.items()}
@@ -189,13 +197,16 @@ class SpreadCollector(SeedCollector):
         return futures
 
     def _held(self) -> Arrays:
-        """What the environment goes on from: arrays (seeds, worlds, ...)."""
+        """What the environment and the policy go on from: arrays (seeds, worlds, ...)."""
         arrays = {name: _array(each) for name, each in self.env.state_dict_of_env().items()}
-        seeds = len(self.env.seeds)
-        return {name: each.reshape(seeds, -1, *each.shape[1:]) for name, each in arrays.items()}
+        seeds, hidden = len(self.env.seeds), getattr(self.policy, HIDDEN, None)
+        held = {name: each.reshape(seeds, -1, *each.shape[1:]) for name, each in arrays.items()}
+        if hidden is not None:
+            held[HIDDEN] = _array(hidden).reshape(seeds, -1, self.env.n_swimmers, *hidden.shape[2:])
+        return held
 
     def _put(self, states: list[Arrays], decision: int) -> None:
-        """Let the environment go on from the blocks' states."""
+        """Let the environment and the policy go on from the blocks' states."""
         whole = {name: np.empty_like(each) for name, each in self._held().items()}
         for block, state in zip(self.blocks, states, strict=True):
             for name, each in state.items():
@@ -203,6 +214,8 @@ class SpreadCollector(SeedCollector):
                 place[...] = each.reshape(place.shape)
         whole["decision"][:] = decision  # those of a block whose lives all ended count no further
         tensors = {name: torch.from_numpy(each).flatten(0, 1) for name, each in whole.items()}
+        if (hidden := tensors.pop(HIDDEN, None)) is not None:
+            self.policy.hidden = hidden.reshape(self.policy.hidden.shape).to(self.env.device or "cpu")
         self.env.load_state_dict_of_env(tensors)
 
     def _numbers(self, block: Block) -> torch.Tensor:

@@ -32,12 +32,12 @@ class SwarmEnv(Worlds, EnvBase):
     `return_state`, `state` (worlds, cells, 4) is there for a central critic: x, y [length], heading [rad] and
     curvature [1 / length], in space (worlds, cells, 7) place and quaternion, as the PettingZoo face has it.
 
-    Starts come from the same streams as the PettingZoo face: world w of seed s holds rows `first` +
-    w · n_swimmers … of that seed's population. With `seeds` given, the worlds are shared out evenly among several independent
-    seeds. Without a seed one is drawn from the operating system, once; it stands in `seeds`. `compile_step`
-    hands the decision to `torch.compile`, which pays after some ten thousand steps of many cells. Without it,
-    up to `NUMPY_CELLS` cells on the CPU decide in NumPy, whose calls take a fraction of torch's; tensors and
-    arrays share their memory.
+    Starts come from the same streams as the PettingZoo face: world w of seed s holds rows `first` + w ·
+    n_swimmers … of that seed's population. With `seeds` given, the worlds are shared out evenly among several
+    independent seeds. Without a seed one is drawn from the operating system, once; it stands in `seeds`.
+    `compile_step` hands the decision to `torch.compile`, which pays after some ten thousand steps of many
+    cells. Without it, up to `NUMPY_CELLS` cells on the CPU decide in NumPy, whose calls take a fraction of
+    torch's; tensors and arrays share their memory.
     """
 
     batch_locked = True
