@@ -28,6 +28,7 @@ NAMES = (
     "exact_solutions",
     "exact_space",
     "population_path",
+    "spread_path",
     "adaptive_cell",
     "continuous_steering",
     "three_dimensions",

@@ -109,17 +109,18 @@ def draw_shared(
     chosen: np.ndarray,
     *,
     population: streams.Population = "test",
+    first: int = 0,
 ) -> dict[str, np.ndarray]:
     """What `World.start` takes (worlds, cells, …) where the worlds are shared out evenly among `seeds`, block
-    after block: world w of a block has rows w · cells … of its seed's `episode` (worlds,). Worlds that are
-    not `chosen` (worlds,) bool get the starts of one that is.
+    after block: world w of a block has rows `first` + w · cells … of its seed's `episode` (worlds,). Worlds
+    that are not `chosen` (worlds,) bool get the starts of one that is.
     """
     found: dict[str, np.ndarray] = {}
     blocks = np.split(np.arange(len(episode)), len(seeds))
     for seed, block in zip(seeds, blocks, strict=True):
         for number in np.unique(episode[block[chosen[block]]]).tolist():
             members = block[chosen[block] & (episode[block] == number)]
-            where: dict[str, Any] = {"population": population, "episode": number}
+            where: dict[str, Any] = {"population": population, "episode": number, "first": first}
             drawn = draw_starts(world, len(block) * cells, seed, **where)._asdict()
             noise = draw_record_noise(world, len(block) * cells, seed, **where)
             drawn |= {} if noise is None else {"noise": noise}
@@ -205,9 +206,9 @@ class Draws:
     """The random numbers of every decision, drawn by `draw_noise` or `draw_chance` a block at a time.
 
     Cells are (groups, ...): those of a group live in step, and the groups are shared out evenly among the
-    `seeds`, whose rows they take one after the other. Numbers depend on nothing but what is asked for, so
-    copies of whoever asks may share them. `place` takes a whole block to where it is needed, a device for
-    instance.
+    `seeds`, whose rows from the `first` on they take one after the other. Numbers depend on nothing but what
+    is asked for, so copies of whoever asks may share them. `place` takes a whole block to where it is needed,
+    a device for instance.
     """
 
     def __init__(
@@ -217,11 +218,12 @@ class Draws:
         seeds: Sequence[int],
         *,
         population: streams.Population = "test",
+        first: int = 0,
         dtype: Any = np.float64,
         place: Callable[[np.ndarray], Any] = np.asarray,
     ) -> None:
         self._draw, self._population, self._dtype, self._place = draw, population, dtype, place
-        self._cells, self._seeds = cells, tuple(seeds)
+        self._cells, self._seeds, self._first = cells, tuple(seeds), first
         groups = cells[0] // len(self._seeds)  # of each seed
         self._seed, self._group = np.divmod(np.arange(cells[0]), groups)
         self._keys = np.full((cells[0], 3), -1)  # seed, episode and block of the numbers that are at hand
@@ -245,7 +247,8 @@ class Draws:
         count = self._cells[0] // len(self._seeds)
         numbers = None if stale.all() else self._numbers.copy()
         for seed, episode, block in wanted:
-            cells, where = count * math.prod(self._cells[1:]), {"episode": episode, "block": block}
+            cells = count * math.prod(self._cells[1:])
+            where = {"episode": episode, "block": block, "first": self._first}
             drawn = self._draw(self._seeds[seed], cells, NOISE_BLOCK, population=self._population, **where)
             drawn = drawn.reshape(count, *self._cells[1:], *drawn.shape[1:]).astype(self._dtype, copy=False)
             if len(wanted) == 1 and numbers is None:  # all groups are in it: nothing is copied

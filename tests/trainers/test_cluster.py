@@ -19,24 +19,33 @@ from swarm._support import provenance
 from swarm.physics.world import World
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
-from trainers.jobs import cluster, sweep
+from tests.short_runs import assert_equal_runs
+from trainers.cli import training
+from trainers.jobs import cluster, remote, sweep
 from trainers.jobs.cluster import ClusterError, Needs, Ray, launched
+from trainers.settings.composition import settings_from
+from trainers.training.run_folder import RunFolder
 
 ray = pytest.importorskip("ray", reason="needs chemoswarm[cluster]")
 pytestmark = [pytest.mark.cluster, pytest.mark.filterwarnings("default")]
 LONG = os.environ.get("CLUSTER") == "cluster-long"
 WORDS = [
     *("learning.n_swimmers=2", "learning.hidden=[4]", "learning.batch_size=4", "learning.buffer_size=50"),
-    *("world.life=8", "validation.life=2", "validation.cells=2", "tensorboard=false", "checkpoint_every=15"),
-    f"learning.epochs={600 if LONG else 30}",
+    *("world.life=8", "validation.life=2", "validation.cells=2", "tensorboard=false", "checkpoint_every=40"),
+    f"learning.epochs={800 if LONG else 80}",
     "seed=0,1,2,3,4,5,6,7",
+]
+SPREAD = [
+    *("experiment=taylor_green_aware", "learning.n_swimmers=20000", "learning.block=2048", "world.life=20"),
+    *("learning.staleness=1", "learning.collect=16", "tensorboard=false", "checkpoint_every=1"),
+    *("validation.cells=40", "validation.life=20", f"learning.epochs={20 if LONG else 2}"),
 ]
 CELLS, LIFE = (10_000_000, 20.0) if LONG else (1_000_000, 4.0)
 
 
 def noted(file, do, *arguments):
     """What a task gives, noting in a file that it begins and ends: its name, process and node."""
-    name = f"{do.__name__}:{arguments[-1].number if do.__name__ == 'lived' else name_of(*arguments)}"
+    name = f"{do.__name__}:{NAMES[do.__name__](*arguments)}"
     node, place = ray.get_runtime_context().get_node_id(), Path(file)
     note(place, f"begin {name} {os.getpid()} {node}")
     found = do(*arguments)
@@ -44,8 +53,13 @@ def noted(file, do, *arguments):
     return found
 
 
-def name_of(settings, before, epochs):
-    return f"{settings.seed},{before.record['epoch'] if before else 0}"
+NAMES = {
+    "lived": lambda test, block: f"{block.number}",
+    "advance": lambda run, before, epochs: f"{run.seed},{before.record['epoch'] if before else 0}",
+    "collected": lambda run, block, policy, state, decisions: (
+        f"{block.number},{state['episode'].max()},{state['decision'].max()}"
+    ),
+}
 
 
 def note(file, line):
@@ -167,7 +181,24 @@ def test_a_sweep_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path, monkeypat
     for seed in range(8):
         for name in ("policy.safetensors", "metrics.csv", "settings.yaml", "run.json"):
             assert filecmp.cmp(f"shared/seed={seed}/{name}", f"alone/seed={seed}/{name}", shallow=False)
-    check_only_the_lost_was_done_twice(wreaked, 8 * (40 if LONG else 2))
+    check_only_the_lost_was_done_twice(wreaked, 8 * (20 if LONG else 2))
+
+
+@pytest.mark.slow
+def test_a_spread_training_loses_a_worker_and_a_node_and_no_bit(havoc, tmp_path, monkeypatch):
+    executor, wreak = havoc
+    monkeypatch.chdir(tmp_path)
+    settings, folder = settings_from(SPREAD), tmp_path / "shared"
+    wreaked = wreak(10, 40)
+    wreaked.start()
+    with monkeypatch.context() as within:
+        within.setattr(remote, "launched", lambda *where, retries: executor)
+        training.begin(settings, folder, ("ray", None, None))
+    wreaked.join(10)
+    training.begin(settings, tmp_path / "alone")
+    assert_equal_runs(RunFolder(folder), RunFolder(tmp_path / "alone"))
+    rounds = -(-settings.training_world().max_decisions // 16)
+    check_only_the_lost_was_done_twice(wreaked, settings.learning.epochs * rounds * 10)
 
 
 @pytest.mark.slow

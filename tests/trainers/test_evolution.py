@@ -50,6 +50,15 @@ def test_a_search_that_is_stopped_goes_on_bit_for_bit_and_alone_as_in_a_stack(hi
     assert (np.random.get_state()[1].tolist(), torch.random.get_rng_state().tolist()) == state  # noqa: NPY002
 
 
+def test_each_candidate_lives_in_its_world_whatever_the_blocks():
+    words = (*SHORT, "learning={n_swimmers: 2, n_worlds: 5, hidden: [2]}", "n_seeds=2", "world.life=8.0")
+    one, other = (
+        trained(Training(settings_from([*words, f"learning.block={size}"])), 1).algorithm.fitness
+        for size in (0, 4)
+    )
+    torch.testing.assert_close(other, one, rtol=1e-5, atol=1e-5)
+
+
 def test_the_first_action_is_worth_nothing_since_only_differences_count():
     network = trained(Training(settings_from(SMALL)), 2).policies()[0]
     assert not network.weights[-1][0].any()

@@ -12,7 +12,8 @@ import time
 
 import pytest
 
-from trainers.jobs.executors import Task, executor_for, run_tasks
+from trainers.jobs.executors import Processes, Task, executor_for, run_tasks
+from trainers.training.run_folder import RunError
 
 
 def run(workers, *pieces):
@@ -43,6 +44,23 @@ def test_a_process_that_is_killed_takes_no_other_with_it(death):
     assert isinstance(died, RuntimeError)
     assert "its process was stopped" in str(died)
     assert (done, waited) == (None, 2.0)
+
+
+def killed_at_first(file, kills):
+    """Kills its process so many times; then the number of its begins, which a file counts."""
+    with open(file, "a") as counted:
+        counted.write("x")
+    if os.path.getsize(file) <= kills:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return os.path.getsize(file)
+
+
+def test_a_task_that_loses_its_process_is_begun_again_as_often_as_it_may(tmp_path):
+    with Processes(1, retries=1) as executor:
+        once, twice = (executor.submit(killed_at_first, str(tmp_path / str(n)), n) for n in (1, 2))
+        assert once.result(60) == 2
+        with pytest.raises(RunError, match="its process was stopped"):
+            twice.result(60)
 
 
 def test_workers_compute_with_one_thread_each():

@@ -144,7 +144,8 @@ def test_a_seed_trains_the_same_alone_and_in_a_stack(critic, action):
 def test_a_central_critic_sees_all_cells_of_the_world(world, numbers):
     training = Training(short_settings("ppo", world, learning={"critic": "central", "n_swimmers": 4}))
     training.env.restart()
-    seen = training.algorithm.sampling.seen(training.env.observation)
+    algorithm = training.algorithm
+    seen = algorithm.sampling.seen(training.env.observation, algorithm.collector.poses())
     assert seen.shape[-1] == training.env.world.observation_size + numbers * 4
     of_cells = seen[..., -numbers * 4 :]
     np.testing.assert_array_equal(of_cells[0, 0], of_cells[0, 3])

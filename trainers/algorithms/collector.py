@@ -17,12 +17,15 @@ class SeedCollector:
 
     TorchRL's Collector costs several times the decision itself for worlds this cheap
     (`benchmarks/training_path.py`), and knows of no seeds. The policy reads `observation`
-    (seeds, cells, inputs) and `uniform` (seeds, cells, 2), numbers in [0, 1) that are each cell's own, and
-    writes its `out_keys`, among them `action` (seeds, cells); `cells` are those of one seed.
+    (seeds, cells, inputs), `uniform` (seeds, cells, 2), numbers in [0, 1) that are each cell's own, and where
+    `poses` is one of its `in_keys`, those; it writes its `out_keys`, among them `action` (seeds, cells).
+    What it remembers of each cell is its `hidden` (seeds, cells, ...).
+    `cells` are those of one seed; `block` is the number of the part of them that is collected here.
     """
 
-    def __init__(self, env: SwarmEnv, policy: TensorDictModuleBase) -> None:
-        self.env, self.policy = env, policy
+    def __init__(self, env: SwarmEnv, policy: TensorDictModuleBase, block: int = 0) -> None:
+        self.env, self.policy, self.block = env, policy, block
+        self._uniform_numbers: Tensor | None = None  # of `BLOCK` decisions
         self.cells = env.n_worlds // len(env.seeds) * env.n_swimmers
         self._shape = (len(env.seeds), self.cells)
 
@@ -37,6 +40,8 @@ class SeedCollector:
         for _ in range(decisions):
             assert env.observation is not None, "env.restart() must come first"
             seen = {"observation": self._by_seed(env.observation), "uniform": self._uniform()}
+            if "poses" in self.policy.in_keys:
+                seen["poses"] = self.poses()
             step = self.policy(TensorDict(seen, self._shape))
             results.append(env.advance(step["action"].reshape(env.n_worlds, -1)))
             for name, values in written.items():
@@ -58,21 +63,31 @@ class SeedCollector:
         """Gain (seeds, cells) of the lives so far."""
         return self._by_seed(self.env.gain())
 
+    def poses(self) -> Tensor:
+        """Position [length], heading (unit vector) and κ* of all cells (seeds, cells, 5) as they are now; in
+        space (seeds, cells, 8), see `State`.
+        """
+        state = self.env.state
+        assert state is not None, "env.restart() must come first"
+        return self._by_seed(torch.cat([state.position, state.heading, state.memory[..., 0, 1:2]], dim=-1))
+
     def _by_seed(self, values: Tensor) -> Tensor:
         """(worlds, cells of a world, ...) -> (seeds, cells of a seed, ...)."""
         return values.reshape(*self._shape, *values.shape[2:])
 
     def _uniform(self) -> Tensor:
-        """Numbers (seeds, cells, 2) for this decision, named by seed, episode and decision; drawn by the
-        block.
+        """Numbers (seeds, cells, 2) for this decision, named by seed, episode, decision and part; drawn for
+        `BLOCK` decisions at once.
         """
         block, place = divmod(int(self.env.decision[0]), BLOCK)
-        if place == 0:
+        if place == 0 or self._uniform_numbers is None:
+            part = (0, self.block) if self.block else ()
             device, episode = self.env.device or torch.device("cpu"), int(self.env.episode[0])
             draws = []
             for seed in self.env.seeds:
-                key = streams.integer_seed("training", "exploration", seed, episode, block)
+                key = streams.integer_seed("training", "exploration", seed, episode, block, *part)
                 generator = torch.Generator(device).manual_seed(key)
                 draws.append(torch.rand(UNIFORM, BLOCK, self.cells, generator=generator, device=device))
-            self._block = torch.stack(draws).permute(2, 0, 3, 1)  # (decisions, seeds, cells, numbers)
-        return self._block[place]
+            # (decisions, seeds, cells, numbers)
+            self._uniform_numbers = torch.stack(draws).permute(2, 0, 3, 1)
+        return self._uniform_numbers[place]

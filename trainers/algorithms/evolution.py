@@ -4,6 +4,7 @@ CMA-ES (Hansen 2016, arXiv:1604.00772) of the package `cma`, one search for each
 generation: each world of a seed is steered by a candidate of its own, whose fitness is the mean gain there.
 """
 
+import copy
 import functools
 import warnings
 from collections.abc import Mapping
@@ -39,6 +40,13 @@ class Candidates(TensorDictModuleBase):
         seen = tensordict["observation"]
         values = self.networks(seen.reshape(self.n_worlds, -1, seen.shape[-1]))
         return tensordict.set("action", values.argmax(-1).reshape(seen.shape[:-1]))
+
+    def of_worlds(self, chosen: Tensor) -> "Candidates":
+        """What steers the worlds of these numbers (worlds,)."""
+        networks = copy.deepcopy(self.networks)
+        for layer in (each for each in networks.modules() if isinstance(each, SeedLinear)):
+            layer.weight, layer.bias = (nn.Parameter(part[chosen]) for part in (layer.weight, layer.bias))
+        return Candidates(networks, len(chosen))
 
 
 class Evolution(Algorithm):

@@ -31,12 +31,12 @@ class Sampling(TensorDictModuleBase):
     ProbabilisticActor draws from torch's global generator; here the numbers are drawn outside.
     """
 
-    in_keys = ["observation", "uniform"]
     out_keys = ["action", "action_log_prob", "seen"]
 
     def __init__(self, network: nn.Module, env: SwarmEnv, *, central: bool) -> None:
         super().__init__()
-        self.network, self.env, self.central = network, env, central
+        self.in_keys = ["observation", "uniform", *["poses"] * central]
+        self.network, self.n_swimmers, self.action_range = network, env.n_swimmers, env.world.action_range
         box = env.world.box
         self.middle = torch.tensor([(low + high) / 2 for low, high in box], device=env.device)
         self.size = max(high - low for low, high in box) or 1.0
@@ -47,17 +47,19 @@ class Sampling(TensorDictModuleBase):
         action = (tensordict["uniform"][..., :1] >= steps).sum(-1)
         taken = chances.gather(-1, action.unsqueeze(-1)).squeeze(-1)
         tensordict.set("action", action).set("action_log_prob", taken)
-        return tensordict.set("seen", self.seen(tensordict["observation"]))
+        return tensordict.set("seen", self.seen(tensordict["observation"], tensordict.get("poses")))
 
-    def seen(self, observation: Tensor) -> Tensor:
-        """Observations (seeds, cells, ...); with a central critic followed by the state of their worlds."""
-        if not self.central:
+    def seen(self, observation: Tensor, poses: Tensor | None) -> Tensor:
+        """Observations (seeds, cells, ...); with `poses` (seeds, cells, numbers), for a central critic, and
+        those of all cells of their worlds.
+        """
+        if poses is None:
             return observation
-        env, state = self.env, self.env.state
-        assert state is not None, "env.restart() must come first"
-        place = (state.position - self.middle) / self.size
-        whole = torch.cat([place, state.heading, state.memory[..., 0, 1:2]], dim=-1).flatten(1)
-        of_cells = whole.unsqueeze(1).expand(-1, env.n_swimmers, -1)  # the same for all cells of a world
+        dimensions = len(self.middle)
+        place = (poses[..., :dimensions] - self.middle) / self.size
+        whole = torch.cat([place, poses[..., dimensions:]], dim=-1)
+        whole = whole.reshape(-1, self.n_swimmers * whole.shape[-1])
+        of_cells = whole.unsqueeze(1).expand(-1, self.n_swimmers, -1)  # the same for all cells of a world
         return torch.cat([observation, of_cells.reshape(*observation.shape[:2], -1).float()], dim=-1)
 
 
@@ -72,10 +74,10 @@ class ContinuousSampling(Sampling):
         normal = IndependentNormal(*middle_and_spread(self.network(tensordict["observation"])))
         middle, spread = normal.base_dist.loc, normal.base_dist.scale
         latent = middle + spread * torch.special.ndtri(tensordict["uniform"][..., :1].clamp(1e-6, 1 - 1e-6))
-        action = best(latent, self.env.world.action_range)
+        action = best(latent, self.action_range)
         tensordict.set("action", action).set("latent", latent)
         tensordict.set("action_log_prob", normal.log_prob(latent))
-        return tensordict.set("seen", self.seen(tensordict["observation"]))
+        return tensordict.set("seen", self.seen(tensordict["observation"], tensordict.get("poses")))
 
 
 def middle_and_spread(outputs: Tensor) -> tuple[Tensor, Tensor]:
@@ -134,7 +136,8 @@ class PPO(Algorithm):
 
         Advantages (Schulman et al. 2016) are scaled to mean 0 and deviation 1 over the seed's living cells.
         """
-        seen = self.sampling.seen(rollout["next", "observation"][-1]).unsqueeze(0)
+        poses = self.collector.poses() if self.settings.critic == "central" else None
+        seen = self.sampling.seen(rollout["next", "observation"][-1], poses).unsqueeze(0)
         seen = torch.cat([rollout["seen"], seen])  # nobody starts anew within a rollout
         decisions, seeds, cells = rollout.shape
         by_seed = seen.transpose(0, 1).reshape(seeds, (decisions + 1) * cells, -1)

@@ -73,8 +73,11 @@ class SeedReplay:
         return width(self.inputs)
 
     def pack(self, transitions: Mapping[Any, Tensor]) -> Tensor:
-        """Rows (decisions, seeds, cells, width) of transitions (decisions, seeds, cells)."""
-        return packed(transitions)
+        """Rows (decisions, seeds, cells, width) of the newest transitions (decisions, seeds, cells), no more
+        decisions of them than there is room for.
+        """
+        decisions = -(-self.size // transitions["action"].shape[2])
+        return packed({key: part[-decisions:] for key, part in transitions.items()})
 
     def unpack(self, rows: Tensor) -> dict[Any, Tensor]:
         """The transitions (...) that were packed in rows (..., width)."""

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from trainers.training.loop import Training
     from trainers.training.run_folder import RunFolder
 
+Where = tuple[str, int | None, str | None]
+LAUNCHER = "launcher"
 SEVERAL, SHOW, RESUME, FOLDER = ("-m", "--multirun"), "--show", "resume=", "hydra.run.dir="
 
 
@@ -39,7 +41,10 @@ SEVERAL, SHOW, RESUME, FOLDER = ("-m", "--multirun"), "--show", "resume=", "hydr
     `--show` prints all settings and their values, or those of every run of a sweep, and ends.
 
     `-m` sweeps over values with commas (`seed=0,1,2`), `hydra.run.dir=DIR` chooses the folder,
-    `resume=DIR` goes on with a run.""",
+    `resume=DIR` goes on with a run.
+
+    `launcher=processes` or `ray` (`launcher.jobs=N`, `launcher.address=HOST:PORT`) collects decisions
+    there, by blocks of `learning.block=N` cells.""",
 )
 def train(context: typer.Context) -> None:
     """Train a policy."""
@@ -53,7 +58,11 @@ def train(context: typer.Context) -> None:
     elif set(words) & set(SEVERAL):
         _show_sweep([word for word in words if word not in SEVERAL])
     else:
-        print(settings_from([word for word in words if not word.startswith(FOLDER)]).as_yaml().rstrip())
+        print(
+            settings_from([word for word in words if not word.startswith((FOLDER, LAUNCHER))])
+            .as_yaml()
+            .rstrip()
+        )
 
 
 def _show_sweep(words: Sequence[str]) -> None:
@@ -76,12 +85,14 @@ def _indented(settings: dict[str, Any]) -> str:
 
 
 def _train(given: Sequence[str]) -> None:
-    from trainers.jobs.sweep import sweep
+    from trainers.jobs.sweep import launcher_of, sweep
     from trainers.settings.composition import settings_from
 
     words = [word for word in given if word not in SEVERAL]
     if len(words) < len(given):
         return sweep(words)
+    own = dict(word.partition("=")[::2] for word in words if word.startswith(LAUNCHER))
+    words, where = [word for word in words if not word.startswith(LAUNCHER)], launcher_of(own)
     resumed = [word.removeprefix(RESUME) for word in words if word.startswith(RESUME)]
     folders = [word.removeprefix(FOLDER) for word in words if word.startswith(FOLDER)]
     plain = [word for word in words if not word.startswith((RESUME, FOLDER))]
@@ -89,18 +100,20 @@ def _train(given: Sequence[str]) -> None:
         if plain or folders or len(resumed) > 1:
             rule = "resume goes on with the settings stored in the run, nothing else may be given, got"
             raise ValueError(f"{rule} {' '.join(words)}")
-        return resume(Path(resumed[0]))
-    return begin(settings_from(plain), Path(folders[-1]) if folders else None)
+        return resume(Path(resumed[0]), where)
+    return begin(settings_from(plain), Path(folders[-1]) if folders else None, where)
 
 
-def begin(settings: Settings, folder: Path | None = None) -> None:
-    """Train in a new folder."""
+def begin(settings: Settings, folder: Path | None = None, where: Where = ("here", None, None)) -> None:
+    """Train in a new folder; decisions are collected by a launcher, so many jobs, at an address."""
+    from trainers.jobs.remote import collectors
     from trainers.training import run as running
 
-    training, run = running.begin(folder, settings)
-    told = f"{settings.experiment} by {settings.algorithm}, recipe {settings.recipe}, {_seeds(settings)}"
-    print(f"training {told}: settings and all else in {run.path}", flush=True)
-    _complete(training, run)
+    with collectors(settings, *where) as submit:
+        training, run = running.begin(folder, settings, submit)
+        told = f"{settings.experiment} by {settings.algorithm}, recipe {settings.recipe}, {_seeds(settings)}"
+        print(f"training {told}: settings and all else in {run.path}", flush=True)
+        _complete(training, run)
 
 
 def _seeds(settings: Settings) -> str:
@@ -108,8 +121,9 @@ def _seeds(settings: Settings) -> str:
     return f"seeds {first} to {others[-1]}" if others else f"seed {first}"
 
 
-def resume(folder: Path) -> None:
-    """Go on with a run."""
+def resume(folder: Path, where: Where = ("here", None, None)) -> None:
+    """Go on with a run; decisions are collected as in `begin`, wherever they were before."""
+    from trainers.jobs.remote import collectors
     from trainers.settings.composition import settings_from_stored
     from trainers.training import run as running
     from trainers.training.run_folder import RunFolder
@@ -120,7 +134,8 @@ def resume(folder: Path) -> None:
         print(f"{folder} is finished after {settings.learning.epochs} epochs; nothing is left to learn")
         print_test(running.test(settings, run))
     else:
-        _complete(*running.resume(folder))
+        with collectors(settings, *where) as submit:
+            _complete(*running.resume(folder, submit))
 
 
 def _complete(training: Training, run: RunFolder) -> None:

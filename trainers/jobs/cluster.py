@@ -29,9 +29,12 @@ class ClusterError(RunError):
     """A cluster that cannot do what it is asked for."""
 
 
-def launched(launcher: str | None, jobs: int | None = None, address: str | None = None) -> Executor:
+def launched(
+    launcher: str | None, jobs: int | None = None, address: str | None = None, *, retries: int = 0
+) -> Executor:
     """Where tasks run: "here", in so many "processes" (default: 2), or by "ray".
 
+    A task that loses its process is begun again `retries` times, by Ray as often as it takes.
     Raises ValueError for options that do not go together, ClusterError where no cluster answers.
     """
     launcher = check_name("launcher", "here" if launcher is None else launcher, LAUNCHERS)
@@ -41,7 +44,7 @@ def launched(launcher: str | None, jobs: int | None = None, address: str | None 
         return Ray(address, jobs)
     if launcher == "here" and jobs not in (None, 1):
         raise ValueError(f"jobs must come with launcher=processes or ray, got {jobs}")
-    return InProcess() if launcher == "here" else Processes(2 if jobs is None else jobs)
+    return InProcess() if launcher == "here" else Processes(2 if jobs is None else jobs, retries)
 
 
 class Needs(NamedTuple):

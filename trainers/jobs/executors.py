@@ -15,6 +15,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 from swarm._support.terminal import Progress
@@ -88,6 +89,10 @@ def _kept(task: Task, future: Future) -> Any:
         return error
 
 
+class LostProcess(RunError):
+    """A process that was killed."""
+
+
 class InProcess(Executor):
     """Does each task at once, here."""
 
@@ -104,11 +109,14 @@ class InProcess(Executor):
 
 
 class Processes(Executor):
-    """Tasks in `workers` processes: one that is killed takes no other's task with it, and is replaced."""
+    """Tasks in `workers` processes: one that is killed takes no other's task with it, and is replaced.
 
-    def __init__(self, workers: int) -> None:
+    Its own task is begun again up to `retries` times, which tasks must stand.
+    """
+
+    def __init__(self, workers: int, retries: int = 0) -> None:
         os.environ.update(ONE_THREAD | os.environ)  # before a process imports what computes
-        self.workers = workers
+        self.workers, self.retries = workers, retries
         self._threads = ThreadPoolExecutor(workers)  # each of them has a process
         self._own = threading.local()
         self._processes: list[ProcessPoolExecutor] = []
@@ -116,7 +124,13 @@ class Processes(Executor):
 
     def submit(self, do: Callable[..., Any], /, *arguments: Any, **options: Any) -> Future:
         """The future outcome of `do(*arguments, **options)`."""
-        return self._threads.submit(self._alone, do, arguments, options)
+        return self._threads.submit(self._retried, do, arguments, options)
+
+    def _retried(self, do: Callable[..., Any], arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
+        for _ in range(self.retries):
+            with suppress(LostProcess):
+                return self._alone(do, arguments, options)
+        return self._alone(do, arguments, options)
 
     def _alone(self, do: Callable[..., Any], arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
         with self._gate:  # no process begins once they have been asked to end
@@ -132,7 +146,7 @@ class Processes(Executor):
         except (BrokenExecutor, KeyboardInterrupt):
             self._own.process = None
             why = "" if self._stopped else ", perhaps because memory ran out"
-            raise RunError(f"its process was stopped{why}") from None
+            raise LostProcess(f"its process was stopped{why}") from None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Wait for what runs; with `cancel_futures`, begin nothing more and ask what runs to save and end."""

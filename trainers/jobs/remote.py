@@ -1,27 +1,35 @@
-"""Remote trainings: a run whose epochs are computed elsewhere, and whose folder is kept here.
+"""Remote trainings: runs whose epochs, or whose decisions, are computed elsewhere, and whose folder is kept
+here.
 
 A piece of a training is a pure function of the settings and of the state it begins with, from one checkpoint
-to the next. The driver writes the checkpoints, so that a lost worker costs one piece, and a lost driver none.
+to the next; a block of decisions one of what `collected` takes. The driver writes the checkpoints, so that a
+lost worker costs one piece or block, and a lost driver none.
 """
 
 import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from safetensors.torch import load, save
 
-from trainers.jobs.cluster import Needs
-from trainers.settings.composition import settings_from_stored
+from trainers.algorithms.collector import BLOCK
+from trainers.algorithms.spread import Here, Submit
+from trainers.jobs.cluster import Needs, Ray, launched
+from trainers.jobs.executors import InProcess, LostProcess
+from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run_folder as runs
 from trainers.training import snapshot as snapshots
 from trainers.training.machine import memory_needed
 from trainers.training.run import prepare, timing_of, train_in
-from trainers.training.run_folder import RunFolder
+from trainers.training.run_folder import RunError, RunFolder
 
+RETRIES = 3  # of a block whose process was killed: memory that runs out would end each of them
 LOADED = 6e8  # [bytes] of a process with torch
 _finishing = threading.Lock()  # what draws figures does one at a time
 
@@ -38,6 +46,42 @@ def needs_of(settings: Settings) -> Needs:
     """What a piece of a training needs of a node."""
     on_gpu = settings.device != "cpu"
     return Needs(settings.threads, float(on_gpu), LOADED + (0 if on_gpu else 2 * memory_needed(settings)))
+
+
+@contextmanager
+def collectors(
+    settings: Settings, launcher: str, jobs: int | None = None, address: str | None = None
+) -> Iterator[Submit]:
+    """What collects the decisions of a run, as `launched` says; after an error what is under way is dropped.
+
+    Raises SettingsError where no blocks could go elsewhere, and as `launched` and `Ray.needing` do.
+    """
+    if launcher != "here" and not settings.learning.block:
+        raise SettingsError(
+            f"learning.block must be above 0, cells that launcher={launcher} lets decide in a task, got 0"
+        )
+    executor = launched(launcher, jobs, address, retries=RETRIES)
+    try:
+        if isinstance(executor, Ray):
+            yield executor.needing(needs_of_block(settings)).submit
+        else:
+            yield Here if isinstance(executor, InProcess) else executor.submit
+    except BaseException as error:
+        executor.shutdown(cancel_futures=True)
+        if isinstance(error, LostProcess):
+            raise RunError(f"a block of decisions was begun {1 + RETRIES} times: {error}") from None
+        raise
+    executor.shutdown()
+
+
+def needs_of_block(settings: Settings) -> Needs:
+    """What the decisions of a block need of a node."""
+    learning, on_gpu = settings.learning, settings.device != "cpu"
+    cells = len(settings.seeds) * min(learning.block, learning.n_swimmers * learning.n_worlds)
+    world = settings.training_world()
+    decisions = min(learning.collect or world.max_decisions, world.max_decisions)
+    memory = cells * (12 * world.observation_size * decisions + 8 * BLOCK)
+    return Needs(settings.threads, float(on_gpu), LOADED + (0 if on_gpu else memory))
 
 
 def advance(settings: Settings, before: Piece | None, epochs: int) -> Piece:

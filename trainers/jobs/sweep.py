@@ -101,11 +101,20 @@ def _launcher(own: dict[str, str]) -> tuple[str, int | None, str | None]:
         check_name("own key of a sweep", key, (FOLDER, HYDRAS, HYDRAS_JOBS, "launcher", *OPTIONS))
     words = {"basic": "here", "joblib": "processes"}
     hydras = words[check_name(HYDRAS, own.get(HYDRAS, "joblib"), words)]
-    launcher = check_name("launcher", own.get("launcher", hydras), LAUNCHERS)
-    key = OPTIONS[0] if OPTIONS[0] in own else HYDRAS_JOBS
-    number = own.get(key)
-    jobs = None if number is None else check_count(key, int(number) if number.isdecimal() else number)
-    return launcher, None if launcher == "here" else jobs, own.get(OPTIONS[1])
+    jobs = own.get(OPTIONS[0], own.get(HYDRAS_JOBS))
+    named = {"launcher": own.get("launcher", hydras)} | ({} if jobs is None else {OPTIONS[0]: jobs})
+    launcher, number, address = launcher_of(named | {key: own[key] for key in OPTIONS[1:] if key in own})
+    return launcher, None if launcher == "here" else number, address
+
+
+def launcher_of(own: Mapping[str, str]) -> tuple[str, int | None, str | None]:
+    """Launcher, jobs and address that the words `launcher`, `launcher.jobs` and `launcher.address` name."""
+    for key in own:
+        check_name("key of a launcher", key, ("launcher", *OPTIONS))
+    launcher = check_name("launcher", own.get("launcher", "here"), LAUNCHERS)
+    number = own.get(OPTIONS[0])
+    jobs = None if number is None else check_count(OPTIONS[0], int(number) if number.isdecimal() else number)
+    return launcher, jobs, own.get(OPTIONS[1])
 
 
 def wanted(words: Sequence[str]) -> dict[str, Settings]:

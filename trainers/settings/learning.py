@@ -36,6 +36,11 @@ class LearningSettings:
     n_worlds: Count = 1  # worlds of each seed
     epochs: Count = 1600  # lives to train for, paper table 2
     collect: Whole = 0  # decisions between two rounds of updates; 0: a whole life
+    # cells of a seed that decide in a task of their own, which may go to other processes or nodes: some whole
+    # worlds, or a part of one; 0: all cells at once
+    block: Whole = 0
+    # rounds of updates that the policy which collects may lag behind; 1: it collects while the next learns
+    staleness: Annotated[Whole, Field(le=1)] = 0
     batch_size: Count = 128  # decisions of a cell in an update
     hidden: Sizes = dataclasses.field(
         default_factory=lambda: [24, 24, 24]
@@ -47,6 +52,11 @@ class LearningSettings:
     learning_rate_decay: Amount = 0.1  # paper table 2
     learning_rate_end: Part = 0.01  # fraction of α left after the last epoch
     keep: Literal["last", "best"] = "last"  # the policy that is kept: the last, or the best in validation
+
+    @property
+    def sees_worlds(self) -> bool:
+        """Whether what a cell learns from is of its whole world."""
+        return False
 
 
 @ALGORITHMS.register("dqn")
@@ -96,6 +106,15 @@ class DRQNSettings(DQNSettings):
     burn_in: Whole = 10  # decisions before those, which only bring the hidden state up to date
     batch_size: Count = 640
 
+    @model_validator(mode="after")
+    def _check_block(self) -> Self:
+        if self.block:
+            raise ValueError(
+                f"block must be 0 with a network that remembers, whose state no task brings back, got "
+                f"{self.block}"
+            )
+        return self
+
 
 @ALGORITHMS.register("ppo")
 @dataclass(config=RULES, frozen=True, kw_only=True)
@@ -119,6 +138,10 @@ class PPOSettings(LearningSettings):
     learning_rate_schedule: Literal["inverse_time", "linear"] = "linear"
     keep: Literal["last", "best"] = "best"
 
+    @property
+    def sees_worlds(self) -> bool:
+        return self.critic == "central"
+
 
 @ALGORITHMS.register("evolution")
 @dataclass(config=RULES, frozen=True, kw_only=True)
@@ -137,3 +160,7 @@ class EvolutionSettings(LearningSettings):
     hidden: Sizes = dataclasses.field(default_factory=lambda: [8])
     step_size: Positive = 0.5  # σ of the first generation's weights about those of a fresh network
     keep: Literal["last", "best"] = "best"
+
+    @property
+    def sees_worlds(self) -> bool:
+        return True

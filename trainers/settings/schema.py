@@ -106,7 +106,24 @@ class Settings:
             changes = changes | ({"cells": cells} if section.cells is None else {})
             object.__setattr__(self, name, dataclasses.replace(section, **changes))
         _check_network(self.layers)
+        self._check_spread()
         return self
+
+    def _check_spread(self) -> None:
+        """Raises ValueError where decisions cannot be collected block by block."""
+        learning = self.learning
+        if 0 < learning.block < learning.n_swimmers and (
+            self.training_world().is_shared or learning.sees_worlds
+        ):
+            raise ValueError(
+                f"learning.block must be at least the {learning.n_swimmers} cells of a world, whose cells "
+                f"share it here, got {learning.block}"
+            )
+        if learning.staleness and not (learning.block and learning.collect):
+            raise ValueError(
+                f"learning.staleness must go with a learning.block and a learning.collect above 0, got "
+                f"{learning.staleness} with {learning.block} and {learning.collect}"
+            )
 
     @property
     def seeds(self) -> list[int]:

@@ -18,6 +18,7 @@ from swarm.physics.perception import described
 from swarm.policies.network import Network
 from trainers.algorithms.base import learner_of, worth_compiling
 from trainers.algorithms.networks import exported
+from trainers.algorithms.spread import Here, SpreadCollector, Submit
 from trainers.settings.schema import Settings
 from trainers.training.run_folder import RunError
 from trainers.training.validation import Validation
@@ -31,9 +32,11 @@ class TrainingError(RunError):
 
 
 class Training:
-    """All that a run carries from one epoch to the next."""
+    """All that a run carries from one epoch to the next; with `learning.block`, decisions are collected by
+    tasks for `submit`, which by default does them here.
+    """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, submit: Submit | None = None) -> None:
         torchrl_logger.setLevel(logging.WARNING)
         torch.set_num_threads(settings.threads)
         self.settings, self.seeds = settings, settings.seeds
@@ -47,10 +50,13 @@ class Training:
             device,
             n_swimmers=learning.n_swimmers,
             seeds=self.seeds,
-            compile_step=worth_compiling(settings, decisions, WORTH_COMPILING),
+            compile_step=not learning.block and worth_compiling(settings, decisions, WORTH_COMPILING),
             world=world,
         )
         self.algorithm = learner_of(settings)(self.env, settings)
+        if learning.block:
+            whole = getattr(self.algorithm, "collector", None)
+            self.algorithm.collector = SpreadCollector(whole, settings, submit or Here)
         self.validation = Validation(world.replace(life=checked.life), checked.cells, self.seeds, device)
         self.epoch = 0
         self.decisions = 0

@@ -15,6 +15,7 @@ from swarm._support import files, provenance
 from swarm._support.terminal import dispensable, tell
 from swarm.policies.network import save_policy
 from swarm.population.evaluation import Evaluation, evaluate
+from trainers.algorithms.spread import Submit
 from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import checkpoint as checkpoints
@@ -34,32 +35,34 @@ class Interrupted(KeyboardInterrupt):
     """The user stopped the run; everything is saved."""
 
 
-def prepare(settings: Settings) -> Training:
+def prepare(settings: Settings, submit: Submit | None = None) -> Training:
     """A training that is ready to begin; raises SettingsError where settings or machine do not do."""
     check_machine(settings)
     try:
-        return Training(settings)
+        return Training(settings, submit)
     except (TypeError, ValueError, MemoryError) as error:
         raise SettingsError(str(error) or "there is not enough memory for these settings") from None
 
 
-def begin(folder: Path | None, settings: Settings) -> tuple[Training, RunFolder]:
+def begin(
+    folder: Path | None, settings: Settings, submit: Submit | None = None
+) -> tuple[Training, RunFolder]:
     """A new run, whose folder, by default one named by the settings, is made when all else is ready.
 
     Raises SettingsError or OSError.
     """
     if folder is not None:
         files.check_new_folder(folder)
-    training = prepare(settings)
+    training = prepare(settings, submit)
     return training, RunFolder.create(folder or runs.default_folder(settings), settings)
 
 
-def resume(folder: Path) -> tuple[Training, RunFolder]:
+def resume(folder: Path, submit: Submit | None = None) -> tuple[Training, RunFolder]:
     """A run that was begun, as its settings say; raises SettingsError or RunError."""
     run, stored = RunFolder.open(folder)
     if "algorithm" not in stored:
         raise RunError(f"{folder} was begun by version 0.1: go on with that version, or train anew")
-    training = prepare(settings_from_stored(stored, run.path))
+    training = prepare(settings_from_stored(stored, run.path), submit)
     then, now = run.record.get("versions"), provenance.versions()
     if isinstance(then, dict) and (changed := [name for name in now if then.get(name) != now[name]]):
         tell(f"{', '.join(changed)} changed since the run began: it goes on, but not bit for bit")

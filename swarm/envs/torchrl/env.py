@@ -32,12 +32,12 @@ class SwarmEnv(Worlds, EnvBase):
     `return_state`, `state` (worlds, cells, 4) is there for a central critic: x, y [length], heading [rad] and
     curvature [1 / length], in space (worlds, cells, 7) place and quaternion, as the PettingZoo face has it.
 
-    Starts come from the same streams as the PettingZoo face: world w of seed s holds rows w · n_swimmers … of
-    that seed's population. With `seeds` given, the worlds are shared out evenly among several independent
-    seeds. Without a seed one is drawn from the operating system, once; it stands in `seeds`. `compile_step`
-    hands the decision to `torch.compile`, which pays after some ten thousand steps of many cells. Without it,
-    up to `NUMPY_CELLS` cells on the CPU decide in NumPy, whose calls take a fraction of torch's; tensors and
-    arrays share their memory.
+    Starts come from the same streams as the PettingZoo face: world w of seed s holds rows `first` + w ·
+    n_swimmers … of that seed's population. With `seeds` given, the worlds are shared out evenly among several
+    independent seeds. Without a seed one is drawn from the operating system, once; it stands in `seeds`.
+    `compile_step` hands the decision to `torch.compile`, which pays after some ten thousand steps of many
+    cells. Without it, up to `NUMPY_CELLS` cells on the CPU decide in NumPy, whose calls take a fraction of
+    torch's; tensors and arrays share their memory.
     """
 
     batch_locked = True
@@ -54,6 +54,7 @@ class SwarmEnv(Worlds, EnvBase):
         seed: int | None = None,
         seeds: Sequence[int] | None = None,
         population: streams.Population = "training",
+        first: int = 0,
         return_state: bool = False,
         compile_step: bool = False,
         world: World | None = None,
@@ -69,6 +70,7 @@ class SwarmEnv(Worlds, EnvBase):
             max_cycles=max_cycles,
             seeds=seeds if seed is None else [seed],
             population=population,
+            first=first,
             compile_step=compile_step,
         )
         super().__init__(device=device, batch_size=torch.Size([self.n_worlds]))

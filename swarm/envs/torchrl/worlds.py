@@ -48,6 +48,7 @@ class Worlds:
         max_cycles: int | None,
         seeds: Sequence[int] | None,
         population: streams.Population,
+        first: int,
         compile_step: bool,
     ) -> None:
         self.world = world
@@ -55,7 +56,7 @@ class Worlds:
         self.n_swimmers = check_count("n_swimmers", shape[1])
         self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
         self.float_dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
-        self.population = population
+        self.population, self.first = population, check_count("first", first, at_least=0)
         wrap = compiled if compile_step else functools.partial
         self._decide: Callable[..., Any] = wrap(_decision, self.world)
         self._place = _placed(device)
@@ -104,10 +105,8 @@ class Worlds:
         self._drawn = False  # whether nobody else knows the seed
         self.episode = np.full(self.n_worlds, -1)
         self.decision = np.zeros(self.n_worlds, np.int64)
-        cells = (self.n_worlds, self.n_swimmers)
-        self._noise = Draws(
-            noise_of(self.world), cells, self.seeds, population=self.population, place=self._array
-        )
+        drawn: Any = noise_of(self.world), (self.n_worlds, self.n_swimmers), self.seeds
+        self._noise = Draws(*drawn, population=self.population, first=self.first, place=self._array)
 
     def restart(self, worlds: np.ndarray | None = None) -> Tensor:
         """Begin the next episode in the chosen worlds (a mask; default all); returns all observations."""
@@ -118,7 +117,7 @@ class Worlds:
         self.episode[chosen] += 1
         self.decision[chosen] = 0
         shared = self.world, self.n_swimmers, self.seeds, self.episode, chosen
-        starts = draw_shared(*shared, population=self.population)
+        starts = draw_shared(*shared, population=self.population, first=self.first)
         fresh = self.world.start(**{name: self._array(each) for name, each in starts.items()})
         return self._begin(fresh, chosen)
 
