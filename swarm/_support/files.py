@@ -124,6 +124,15 @@ def check_new_folder(path: str | os.PathLike) -> Path:
     return folder
 
 
+def check_room(path: str | os.PathLike, needed: float) -> None:
+    """Raises OSError unless the disk of a path, which need not be there yet, has so many bytes left."""
+    folder = expanded(path).absolute()
+    free = shutil.disk_usage(next(each for each in (folder, *folder.parents) if each.exists())).free
+    if needed > free:
+        rule = f"must have room for {needed / 2**20:,.0f} MiB"
+        raise OSError(f"the disk of {path} {rule}, got {free / 2**20:,.0f} MiB")
+
+
 def reserved(path: str | os.PathLike) -> Path:
     """A new empty folder: `path`, or where that is taken the first of `path`-2, `path`-3, …
 

@@ -90,6 +90,13 @@ def test_what_cannot_be_recorded_is_a_line(options, line):
         trial("swinging", "linear_n4", **SIZES, **options)
 
 
+def test_a_population_that_the_disk_has_no_room_for_is_a_line_and_nothing_is_written(tmp_path):
+    rule = r"the disk of .*population.nc must have room for [\d,]+ MiB, got [\d,]+ MiB"
+    with pytest.raises(OSError, match=rule):
+        trial("swinging", "linear_n4", **SIZES | {"cells": 10**15}, record="ends", out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("recipe", ["swarm", "ppo"])
 def test_a_run_whose_epochs_are_computed_elsewhere_is_the_same(tmp_path, recipe, monkeypatch):
     settings, counted = short_settings(recipe), []

@@ -20,7 +20,7 @@ from trainers.jobs import study as studies
 from trainers.jobs import sweep
 from trainers.jobs.study import draw, study
 from trainers.jobs.study_figure import axes_of, panels, request_of
-from trainers.jobs.study_plan import stacks
+from trainers.jobs.study_plan import plan_of, stacks
 from trainers.settings.composition import SettingsError, settings_from, settings_from_stored
 from trainers.training.run_folder import RunError, RunFolder
 
@@ -250,6 +250,19 @@ def test_a_wrong_key_is_a_line_and_nothing_is_written(changes, line):
     assert line in str(raised.value)
     assert "\n" not in str(raised.value)
     assert not Path("out").exists()
+
+
+def test_a_section_in_the_grid_leaves_what_else_it_holds_as_it_was():
+    own = {"learning": {"n_swimmers": 7, "epochs": 3}, "world": {"field": {"type": "radial"}, "life": 8.0}}
+    grid = {
+        "long": {"a": {"learning": {"epochs": 4}}, "b": {"world": {"field": "linear"}}},
+        "net": {"c": {"learning": {"hidden": [5]}}},
+    }
+    points = plan_of(written(settings=own, grid=grid, tests={"own": None}, policies=[], figures=[])).points
+    learnt = [(p.settings.learning.n_swimmers, p.settings.learning.epochs) for p in points]
+    assert learnt == [(7, 4), (7, 3)]
+    assert all(p.settings.learning.hidden == [5] and p.settings.world["life"] == 8.0 for p in points)
+    assert points[1].settings.world["field"] == "linear"
 
 
 def test_a_key_that_is_given_twice_is_a_line():

@@ -32,6 +32,7 @@ from trainers.training.run_folder import MAX_TEXT, plain_yaml
 
 NAME = r"[\w.+-]{1,80}"
 AFTER = ("seed", "n_seeds", "evaluation", "evaluate", "checkpoint_every", "tensorboard", "wandb")
+SECTIONS = ("world", "learning", "validation", "evaluation")
 Value = str | int | float
 
 
@@ -196,9 +197,9 @@ def _choices(axis: tuple[str, Any]) -> list[Choice]:
 
 
 def _point(study: StudySettings, chosen: Sequence[Choice], references: Sequence[str]) -> Point:
-    keys = dict(study.settings)
+    keys = _dotted(study.settings)
     for _, changes in chosen:
-        keys |= changes
+        keys |= _dotted(changes)
     words = [f"{key}={_written(value)}" for key, value in keys.items()]
     for word in words:
         key_of(word)
@@ -208,6 +209,16 @@ def _point(study: StudySettings, chosen: Sequence[Choice], references: Sequence[
         tests[name] = tested_in(settings, name, test)
         rivals[name] = {each: named_policy(each, tests[name][0]) for each in references}
     return Point(tuple(label for label, _ in chosen), settings, tests, rivals)
+
+
+def _dotted(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings by their own keys, so that a section leaves what it does not name as it was."""
+    return {
+        f"{key}.{name}" if parts is value else key: each
+        for key, value in given.items()
+        for parts in [value if key in SECTIONS and isinstance(value, dict) else {"": value}]
+        for name, each in parts.items()
+    }
 
 
 def tested_in(settings: Settings, name: str, test: TestSettings) -> tuple[World, dict[str, int]]:

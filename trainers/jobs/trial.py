@@ -111,6 +111,8 @@ def _recorded(
     own, longer = {"record": kept, "out": file}, world.replace(life=sizes["life"])
     with launched(*where) as executor, Progress("cells", cells) as bar:
         memory, disk = needed(longer, kept, cells, workers=getattr(executor, "workers", 1))
+        if file and not file.exists():
+            files.check_room(file, disk - sum(part.stat().st_size for part in parts_of(file).glob("*")))
         on_disk = f", {disk / 2**20:,.0f} MiB in {out}" if file else "; no cell is kept without --out"
         bar.say(f"{cells:,} cells, {BLOCK:,} at once: about {memory / 2**20:,.0f} MiB of memory{on_disk}")
         if isinstance(executor, Ray):
