@@ -92,12 +92,7 @@ def chances(
     def drawn(draw: Callable[..., np.ndarray], wanted: bool) -> Callable[[int], np.ndarray | None]:
         if not wanted:
             return lambda decision: None
-        draws = Draws(
-            functools.partial(draw, first=first),
-            (worlds, cells[-1]),
-            (seed,) * worlds,
-            population=population,
-        )
+        draws = Draws(draw, (worlds, cells[-1]), (seed,) * worlds, population=population, first=first)
         return lambda decision: draws.at(episodes, decision)[... if len(cells) > 1 else 0]
 
     of_policy, of_world = drawn(draw_chance, chance), drawn(noise_of(world), world.has_noise)

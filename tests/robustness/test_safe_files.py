@@ -221,7 +221,7 @@ def test_nothing_that_could_run_what_it_reads_is_called(package):
             assert name not in DANGEROUS.split(), path
             if name == "yaml.load":
                 assert arguments[1:] == ["_PlainLoader"], path
-            assert "pickle" not in name, path
+            assert "pickle" not in name or name == "pickle.dumps", path
 
 
 # NetCDF files that announce little and cost much.

@@ -20,7 +20,7 @@ EXPERIMENTS += [
     "shear",
     "film",
 ]
-EXPERIMENTS += ["continuous_n4", "binding"]
+EXPERIMENTS += ["continuous_n4", "binding", "space"]
 DEFAULTS = Settings().dotted()
 KEYS = [("dqn", key) for key in DEFAULTS] + [
     ("ppo", key) for key in Settings(algorithm="ppo").dotted() if key.startswith("learning.")
@@ -43,6 +43,7 @@ WRONG_PARTS = {  # of keys that are None or empty by default
     "world.first_arrivals": [value for value in WRONG[int] if value is not None],
     "world.binding_rate": [value for value in WRONG[float] if value is not None],
     "world.curvature_range": [value for value in WRONG[list] if value is not None],
+    "world.torsions": [*(value for value in WRONG[list] if value is not None), [1.0], ["a", 1.0]],
     "world.units": ["abc", 3, [1], {"a": 1}, ["µm"], ["µm", ""]],
     "world.spread": ["abc", 3, [1], {"a": 1}, {"speed": -1.0}, {"speed": 1.0}],
 }
@@ -51,6 +52,7 @@ RIGHT = [
     ("evaluation.field", None),
     ("world.sensor", None),
     ("world.start_box", None),
+    ("world.torsions", [-1, 2]),
 ]  # only look wrong
 FREE = ("experiment", "recipe", "algorithm")  # any printable text: the name of the run; and what chooses keys
 UNBOUNDED = (

@@ -128,7 +128,7 @@ def test_a_stale_policy_is_that_of_one_round_before():
     learn = training.algorithm.learn
 
     def noted(*arguments):
-        learnt.append(weights(pickle.dumps(training.algorithm.explorer)))
+        learnt.append(weights(training.algorithm.explorer))
         return learn(*arguments)
 
     training.algorithm.learn = noted
@@ -137,8 +137,8 @@ def test_a_stale_policy_is_that_of_one_round_before():
     assert [weights(each) for each in policies] == [learnt[0], *learnt[:-1]]
 
 
-def weights(pickled):
-    return [each.tolist() for each in pickle.loads(pickled).state_dict().values()]
+def weights(policy):
+    return [each.tolist() for each in policy.state_dict().values()]
 
 
 def test_an_interrupted_run_goes_on_elsewhere_bit_for_bit(tmp_path):

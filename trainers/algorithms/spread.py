@@ -74,9 +74,9 @@ def blocks_of(learning: LearningSettings) -> list[Block]:
     return [Block(number, *place, cells) for number, place in enumerate(places)]
 
 
-def collected(settings: Settings, block: Block, policy: bytes, state: Arrays, decisions: int) -> Found:
-    """Up to `decisions` decisions of a block's cells, fewer where all their lives end, by a policy that was
-    pickled.
+def collected(settings: Settings, block: Block, policy: nn.Module, state: Arrays, decisions: int) -> Found:
+    """Up to `decisions` decisions of a block's cells, fewer where all their lives end, by a policy that stays
+    as it is.
     """
     torch.set_num_threads(settings.threads)
     device = None if settings.device == "cpu" else settings.device
@@ -89,7 +89,7 @@ def collected(settings: Settings, block: Block, policy: bytes, state: Arrays, de
         world=settings.training_world(),
     )
     before = {name: torch.from_numpy(each.copy()).to(device or "cpu") for name, each in state.items()}
-    steering, hidden = pickle.loads(policy).to(device or "cpu"), before.pop(HIDDEN, None)
+    steering, hidden = copy.deepcopy(policy).to(device or "cpu"), before.pop(HIDDEN, None)
     env.load_state_dict_of_env(before)
     if hidden is not None:
         steering.hidden = hidden.reshape(len(settings.seeds), -1, *hidden.shape[2:])
@@ -187,12 +187,12 @@ class SpreadCollector(SeedCollector):
         held, futures = self._held(), []
         policy = copy.copy(self.policy)
         policy.__dict__.pop(HIDDEN, None)  # every block gets its own
-        policy = policy if self.env.device is None else copy.deepcopy(policy).cpu()
-        pickled = None if hasattr(policy, "of_worlds") else pickle.dumps(policy)
+        policy = copy.deepcopy(policy).cpu()  # which learning goes on changing
+        of_worlds = getattr(policy, "of_worlds", None)
         for block in self.blocks:
             parts = {name: block.of(each) for name, each in held.items()}
             begin = {name: each.reshape(-1, *each.shape[2:]).copy() for name, each in parts.items()}
-            steering = pickled or pickle.dumps(policy.of_worlds(self._numbers(block)))
+            steering = policy if of_worlds is None else of_worlds(self._numbers(block))
             futures.append(self.submit(collected, self.settings, block, steering, begin, decisions))
         return futures
 

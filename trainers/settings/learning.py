@@ -106,15 +106,6 @@ class DRQNSettings(DQNSettings):
     burn_in: Whole = 10  # decisions before those, which only bring the hidden state up to date
     batch_size: Count = 640
 
-    @model_validator(mode="after")
-    def _check_block(self) -> Self:
-        if self.block:
-            raise ValueError(
-                f"block must be 0 with a network that remembers, whose state no task brings back, got "
-                f"{self.block}"
-            )
-        return self
-
 
 @ALGORITHMS.register("ppo")
 @dataclass(config=RULES, frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ class StrategiesPlan(TrainingPlan):
     cells: int = 200  # of a test
     egg_cells: int = 100  # of a test around an egg
     egg_reach: float = 30.0  # they start in a square around it, so far to each side [length]
-    seed: int = 400  # of the test populations
+    seed: int = 500  # of the test populations
 
     def __post_init__(self) -> None:
         found = [f"{name}_{DQN}" for name in self.worlds]
