@@ -89,7 +89,8 @@ def collected(settings: Settings, block: Block, policy: nn.Module, state: Arrays
         world=settings.training_world(),
     )
     before = {name: torch.from_numpy(each.copy()).to(device or "cpu") for name, each in state.items()}
-    steering, hidden = copy.deepcopy(policy).to(device or "cpu"), before.pop(HIDDEN, None)
+    steering: Any = copy.deepcopy(policy).to(device or "cpu")
+    hidden = before.pop(HIDDEN, None)
     env.load_state_dict_of_env(before)
     if hidden is not None:
         steering.hidden = hidden.reshape(len(settings.seeds), -1, *hidden.shape[2:])
