@@ -35,7 +35,8 @@ def minimal(
     """Find out how few parameters buy how much of the limit: `swarm minimal experiment=linear_n4,linear_n8`.
 
     Networks of 0 to 24 nodes are trained by DQN, pruned, searched by CMA-ES and NEAT
-    (chemoswarm\\[evolution]), beside the two-state machine. Other KEY=VALUE words are settings of every training.
+    (chemoswarm\\[evolution]), beside the two-state machine. Other KEY=VALUE words are settings of every
+    training.
     """
     from swarm._support import files
     from swarm._support.terminal import Told, print_table
