@@ -36,6 +36,7 @@ Array = Any
 MODES = ("linear", "on_off")
 MOST = 60.0  # of |ln p|: a signal that stays away must not overflow
 QUICKEST = 0.3  # σω that is taken by default in space, at least
+MOST_STEPS = 100_000  # in a decision: with more no life would end
 RADIANS = 0.5  # that the quickest part of the response turns through in a step, at most
 
 
@@ -93,6 +94,7 @@ class AdaptiveSteering(Checked):
         """Adapted to the mean of the records that life begins with."""
         if self.continuous:
             continuous.check_alone(world)
+        self.steps(world)  # raises where they are too many
         xp = namespace(state.memory)
         level = xp.mean(state.memory[..., 0], axis=-1) / world.mean_curvature
         one = xp.ones_like(level)
@@ -156,9 +158,9 @@ class AdaptiveSteering(Checked):
         return xp.where(region == 0, low, xp.where(region == top, high, wanted))
 
     def susceptibility(self, world: World, level: float) -> complex:
-        """χ of the output at the frequency v κ̄ and the signal's `level` s₀ [1 / length]."""
+        """χ of the output at the frequency v κ̄, in space v w̄, and the signal's `level` s₀ [1 / length]."""
         relaxation, adaptation = self.times(world)
-        turning = world.mean_curvature * max(world.action_speeds)
+        turning = world.mean_turning * max(world.action_speeds)
         lag = 1j * turning * adaptation
         return lag / (1 + lag - relaxation * adaptation * turning**2) / level
 
@@ -169,7 +171,7 @@ class AdaptiveSteering(Checked):
         """
         if world.dimensions != 2:
             raise ValueError("drift must be asked for in the plane, got a world in space")
-        response = self.susceptibility(world, level)
+        response = self.susceptibility(world, check_number("level", level, above=0.0))
         gain = float(self.gain_at(world, np.asarray(-math.log(level))))
         size = 0.5 * max(world.action_speeds) * gain * slope * abs(response) / world.mean_curvature**2
         return -size * math.sin(cmath.phase(response)), size * math.cos(cmath.phase(response))
@@ -217,4 +219,7 @@ class AdaptiveSteering(Checked):
         steps = max(world.clock.intervals) * quickest / RADIANS
         if world.egg is not None and self.continuous:  # the path is looked at between steps
             steps = max(steps, max(world.clock.intervals) / world.time_step)
+        if not steps <= MOST_STEPS:
+            rule = f"relaxation and adaptation must leave at most {MOST_STEPS} steps per decision"
+            raise ValueError(f"{rule}, got {self.times(world)}")
         return math.ceil(steps - 1e-9)

@@ -350,6 +350,14 @@ def test_flow_is_sensed_in_space(xp):
         World(flow="taylor_green", sensor="memory_with_flow_in_space")
 
 
+def test_the_axis_turns_as_the_formula_says_for_torsions_of_any_sign():
+    signs = {(-7.7, -5.7): -1, (-4.0, -9.0): 1, (7.7, -5.7): -1, (5.5, -5.7): 1, (-5.7, 6.5): 1}
+    worlds = [World.in_space(torsions=torsions) for torsions in signs]
+    assert [each.response_sign for each in worlds] == list(signs.values())
+    found = swarm.population_test(worlds[-1], {"adaptive": swarm.AdaptiveSteering()}, cells=12, life=20.0)
+    assert found["gain"].mean() > 0
+
+
 def test_who_senses_more_stretches_its_path_to_climb():
     defaults, coiled, flat = World.in_space(), World.in_space(torsions=(4.0, 9.0)), World(torsions=(0.0, 0.0))
     assert [each.response_sign for each in (defaults, coiled, flat, World())] == [-1, 1, 1, 1]

@@ -157,6 +157,13 @@ def test_parameters_have_rules(options, message):
         AdaptiveSteering(**options)
 
 
+def test_what_would_never_end_or_divide_by_zero_is_an_error():
+    with pytest.raises(ValueError, match="relaxation and adaptation must leave at most 100000 steps"):
+        population_test(World(), {"a": AdaptiveSteering(relaxation=1e-9)}, cells=3, life=2.0)
+    with pytest.raises(ValueError, match="level must be a finite number above 0, got 0"):
+        AdaptiveSteering().drift(World(), 0.0)
+
+
 @pytest.mark.parametrize("options", [{"varying_speed": True}, {"interactions": ["contact"]}], ids=str)
 def test_continuous_steering_needs_a_world_that_it_can_swim_in(options):
     policy = {"a": AdaptiveSteering(continuous=True)}

@@ -157,6 +157,16 @@ def test_help_names_what_can_be_chosen(words):
     assert "{" not in out.replace("{policy}", "")
 
 
+@pytest.mark.parametrize("command", ["minimal", "strategies"])
+def test_help_names_the_extra_and_the_plan_keeps_what_it_decides(command, tmp_path):
+    assert "(chemoswarm[evolution])" in run(command, "--help")[1]
+    for word in ("algorithm=ppo", "recipe=paper"):
+        code, _, error = run(command, "experiment=linear_n4", word, "--out", str(tmp_path / "out"))
+        assert code == 2
+        assert "recipe and algorithm are the plan's to choose" in error
+        assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("section", "name", "said"),
     [

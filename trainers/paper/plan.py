@@ -16,6 +16,7 @@ from trainers.settings.composition import SettingsError, settings_from, settings
 from trainers.settings.schema import Settings
 from trainers.training.run_folder import RunError, RunFolder
 
+DECIDED = ("recipe", "algorithm")  # by the plan, not by words
 RECORDS = {"linear_n2": 2, "linear_n4": 4, "linear_n8": 8}  # N_T of the cases with one speed
 STEADY, VARYING, EGG, VORTICES = "linear_n4", "varying_speed", "radial", "taylor_green"
 AWARE, BLIND = "taylor_green_aware", "taylor_green_blind"
@@ -56,7 +57,10 @@ class TrainingPlan:
         return (f"experiment={experiment}",)
 
     def settings(self, recipe: str, experiment: str) -> Settings:
-        """Settings of an experiment's trainings, of its first seed."""
+        """Settings of an experiment's trainings, of its first seed; raises SettingsError."""
+        for word in self.words:  # else tables would name what was not trained
+            if word.lstrip("+~").partition("=")[0] in DECIDED:
+                raise SettingsError(f"{' and '.join(DECIDED)} are the plan's to choose, got {word!r}")
         return _composed(f"recipe={recipe}", *self.chosen(experiment), "tensorboard=false", *self.words)
 
 

@@ -54,7 +54,7 @@ class Clock:
         if self.rule != "exact" and steps > MAX_TICKS:
             raise ValueError(
                 f"time_step must leave at most {MAX_TICKS} steps per decision, got time_step = "
-                f"{self.time_step:g} with period 2π/(κ̄ speed) = {max(self.periods):g} and "
+                f"{self.time_step:g} with period T = {max(self.periods):g} and "
                 f"n_records = {self.n_records}"
             )
         if self.life / self.tick > 2**30:
@@ -62,7 +62,7 @@ class Clock:
         if min(self.interval_ticks) < 1:
             raise ValueError(
                 "n_records must leave at least one time_step per decision: T/(N_T Δt) must reach 1, got "
-                f"n_records = {self.n_records} with period 2π/(κ̄ speed) = {min(self.periods):g} and "
+                f"n_records = {self.n_records} with period T = {min(self.periods):g} and "
                 f"time_step = {self.time_step:g}"
             )
 

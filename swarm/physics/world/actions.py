@@ -180,12 +180,13 @@ class Actions:
         """1 where cells climb by bending their path more where they sense more, −1 where by bending it less.
 
         The former holds in the plane, whose circles then move up the gradient. In space the axis of a helix
-        turns up the gradient where the path is more stretched, by |τ|/κ, the more is sensed.
+        turns up the gradient where the path is more stretched, by τ/κ in the sense of τ̄, the more is sensed:
+        the sign is that of τ̄ (κ̄τ′ − τ̄κ′), κ′ and τ′ from the first action to the last.
         """
         if self.torsions is None:
             return 1
-        stretched = [abs(tau) / kappa for kappa, tau in zip(self.curvatures, self.torsions, strict=True)]
-        return -1 if stretched[-1] < stretched[0] else 1
+        stretched = [tau / kappa for kappa, tau in zip(self.curvatures, self.torsions, strict=True)]
+        return -1 if self.mean_torsion * (stretched[-1] - stretched[0]) < 0 else 1
 
     def ends(self, like: Array) -> tuple[Array, Array]:
         """The actions (..., cells) that take κ₁ and κ_m."""
