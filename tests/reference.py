@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 from swarm.physics.motion.arc import Pose
 
@@ -56,45 +55,6 @@ def reference(position, heading, curvature, speed, duration, flow=None, *, parts
     x, y, angle = np.moveaxis(ends.reshape(len(parts), 3, cells), 1, 0)
     path = np.stack([x, y, np.cos(angle), np.sin(angle)], axis=-1)
     return path[0] if len(parts) == 1 else path
-
-
-def rotations(cells, seed=0):
-    """Random frames (cells, 4)."""
-    frames = np.random.default_rng(seed).normal(size=(cells, 4))
-    return frames / np.linalg.norm(frames, axis=-1, keepdims=True)
-
-
-def matrix(quaternion):
-    """Rows t, n, b (..., 3, 3) of frames (..., 4)."""
-    flat = to_numpy(quaternion).reshape(-1, 4)
-    rows = Rotation.from_quat(flat, scalar_first=True).as_matrix().swapaxes(-1, -2)
-    return rows.reshape(*quaternion.shape[:-1], 3, 3)
-
-
-def place_and_frame(pose):
-    """Position, t, n and b (..., 12) as NumPy numbers."""
-    rows = matrix(pose.heading)
-    return np.concatenate([to_numpy(pose.position), rows.reshape(*rows.shape[:-2], 9)], axis=-1)
-
-
-def reference_in_space(pose, curvature, torsion, speed, duration, flow=None):
-    """Position, t, n and b (cells, 12) after `duration` by Frenet–Serret's equations, as of `reference`."""
-    here, cells = place_and_frame(pose), len(pose.position)
-    curvature, torsion, speed, duration = (
-        np.broadcast_to(a, cells)[:, None] for a in (curvature, torsion, speed, duration)
-    )
-
-    def rate(_, y):
-        place, t, n, b = np.moveaxis(y.reshape(cells, 4, 3), 1, 0)
-        turning = speed * (torsion * t + curvature * b)
-        moved = speed * t
-        if flow is not None:
-            moved, turning = moved + flow.velocity(place), turning + 0.5 * flow.vorticity(place)
-        rates = [moved, *(np.cross(turning, axis) for axis in (t, n, b))]
-        return (duration[:, None] * np.stack(rates, axis=1)).ravel()
-
-    end = solve_ivp(rate, (0, 1), here.ravel(), method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-    return end.reshape(cells, 12)
 
 
 def describe(world):

@@ -7,6 +7,7 @@ import platform
 import subprocess
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 __version__ = "0.1.0"
 
@@ -40,3 +41,14 @@ def commit() -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.strip() or None
+
+
+def origin() -> dict[str, Any]:
+    """What a record says of where it comes from."""
+    return {"versions": versions(), "commit": commit()}
+
+
+def line() -> str:
+    """What a report says of where it comes from."""
+    told = ", ".join(f"{name} {version}" for name, version in versions().items())
+    return f"{told}; commit {commit() or 'unknown'}"

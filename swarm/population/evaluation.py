@@ -180,8 +180,7 @@ def summarise(
         "greedy": {key: numbers[RIVAL][key] for key in NUMBERS},
         "difference_to_greedy": numbers[label]["difference_to_greedy"],
         "wins": numbers[label]["wins"],
-        "versions": provenance.versions(),
-        "commit": provenance.commit(),
+        **provenance.origin(),
     }
     if worlds > 1:
         summary["worlds"] = worlds

@@ -8,6 +8,7 @@ from gymnasium.spaces import Box
 import swarm
 from swarm.envs.conformance import check_seeds
 from swarm.torchrl_env import SwarmEnv
+from tests.envs.side_by_side import side_by_side
 
 torch = pytest.importorskip("torch")
 
@@ -22,28 +23,11 @@ def curvatures(decision):
 
 @pytest.mark.parametrize("options", WORLDS, ids=str)
 def test_all_faces_live_the_same_lives(options):
-    settings = STEERED | options
-    parallel = swarm.parallel_env(CELLS, **settings)
-    vector = swarm.SpermSwarmVector(CELLS, autoreset_mode="Disabled", **settings)
-    torchrl = SwarmEnv(1, n_swimmers=CELLS, dtype="float64", return_state=True, **settings)
-    parallel.reset(seed=5)
-    vector.reset(seed=5)
-    torchrl.set_seed(5)
-    held = torchrl.reset()
-    np.testing.assert_allclose(held["state"][0], parallel.state(), rtol=1e-6)
-    for decision in range(5):
-        chosen = curvatures(decision)
-        seen, reward, *_ = parallel.step({f"swimmer_{i}": each[None] for i, each in enumerate(chosen)})
-        others, earned, *_ = vector.step(chosen[:, None])
-        held["swimmers", "action"] = torch.from_numpy(chosen)[None, :, None]
-        held = torchrl.step(held)["next"]
-        np.testing.assert_array_equal(np.stack(list(seen.values())), others)
-        np.testing.assert_array_equal(np.array(list(reward.values())), earned)
-        np.testing.assert_allclose(held["swimmers", "observation"][0], others, atol=1e-6)
-        np.testing.assert_array_equal(parallel.state(), vector.state())
-        np.testing.assert_allclose(parallel.state()[:, 3], chosen)
-        np.testing.assert_allclose(held["state"][0], parallel.state(), rtol=1e-5, atol=1e-6)
-        assert parallel.state() in parallel.state_space
+    actions = [curvatures(decision)[:, None] for decision in range(5)]
+    faces = side_by_side(CELLS, STEERED | options, actions)
+    next(faces)
+    for parallel, chosen in zip(faces, actions, strict=True):
+        np.testing.assert_allclose(parallel.state()[:, 3:4], chosen)
 
 
 def test_one_cell_lives_as_swimmer_0_does():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import swarm
-from swarm.torchrl_env import SwarmEnv
+from tests.envs.side_by_side import side_by_side
 
 torch = pytest.importorskip("torch")
 
@@ -22,28 +22,11 @@ def posed(cells=CELLS):
 
 @pytest.mark.parametrize("options", [{}, EGG, {"n_records": 2, "interval_rule": "exact"}], ids=str)
 def test_all_faces_live_the_same_lives(options):
-    settings = SPACE | options
-    parallel = swarm.parallel_env(CELLS, **settings)
-    vector = swarm.SpermSwarmVector(CELLS, autoreset_mode="Disabled", **settings)
-    torchrl = SwarmEnv(1, n_swimmers=CELLS, dtype="float64", return_state=True, **settings)
-    parallel.reset(seed=5)
-    vector.reset(seed=5)
-    torchrl.set_seed(5)
-    held, path = torchrl.reset(), [parallel.state()]
-    for decision in range(4):
-        chosen = np.random.default_rng(decision).integers(2, size=CELLS)
-        seen, reward, *_ = parallel.step({f"swimmer_{i}": each for i, each in enumerate(chosen)})
-        others, earned, *_ = vector.step(chosen)
-        held["swimmers", "action"] = torch.from_numpy(chosen)[None]
-        held = torchrl.step(held)["next"]
-        np.testing.assert_array_equal(np.stack(list(seen.values())), others)
-        np.testing.assert_array_equal(np.array(list(reward.values())), earned)
-        np.testing.assert_allclose(held["swimmers", "observation"][0], others, atol=1e-6)
-        np.testing.assert_array_equal(parallel.state(), vector.state())
-        np.testing.assert_allclose(held["state"][0], parallel.state(), rtol=1e-5, atol=1e-6)
-        assert parallel.state().shape == (CELLS, 7)
-        assert parallel.state() in parallel.state_space
+    actions = [np.random.default_rng(decision).integers(2, size=CELLS) for decision in range(4)]
+    path = []
+    for parallel in side_by_side(CELLS, SPACE | options, actions):
         path.append(parallel.state())
+        assert path[-1].shape == (CELLS, 7)
     steps = np.linalg.norm(np.diff(np.array(path)[..., :3], axis=0), axis=-1)
     assert (steps <= 2.0 * parallel.world.intervals[0] + 1e-12).all()
     assert steps.min() > 0.05

@@ -37,13 +37,17 @@ TINY = MinimalPlan(
 )
 
 
-@pytest.fixture(scope="module")
-def out(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("minimal")
+def carried_out(study, plan, folder):
+    """The folder that a plan reports into, beside which it is published."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(running, "draw", lambda training, run: None)  # of each training
-        study(TINY, folder / "out", folder / "published")
+        study(plan, folder / "out", folder / "published")
     return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    return carried_out(study, TINY, tmp_path_factory.mktemp("minimal"))
 
 
 def test_every_rung_and_figure_is_there(out):

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from swarm import World
-from tests.minimal.test_smallest_brain import WORDS
+from tests.minimal.test_smallest_brain import WORDS, carried_out
 from tests.trainers.test_cli import refused
 from trainers.strategies import report
 from trainers.strategies.measurements import Lived, WorldFindings
 from trainers.strategies.plan import DQN, OPTIMAL, PPO, STRATEGIES, StrategiesPlan
 from trainers.strategies.study import study
-from trainers.training import run as running
 
 pytest.importorskip("cma")
 
@@ -24,11 +23,7 @@ TINY = StrategiesPlan(
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("strategies")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(running, "draw", lambda training, run: None)  # of each training
-        study(TINY, folder / "out", folder / "published")
-    return folder / "out"
+    return carried_out(study, TINY, tmp_path_factory.mktemp("strategies"))
 
 
 def test_every_strategy_lives_in_every_world_or_it_is_said_why_not(out):

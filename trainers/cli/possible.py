@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Annotated, Any
@@ -38,18 +39,12 @@ def minimal(
     (chemoswarm\\[evolution]), beside the two-state machine. Other KEY=VALUE words are settings of every
     training.
     """
-    from swarm._support import files
-    from swarm._support.terminal import Told, print_table
     from trainers.minimal.plan import MinimalPlan
     from trainers.minimal.report import smallest
     from trainers.minimal.study import study
 
     plan = MinimalPlan(**_changes("cases", context.args, seeds, jobs))
-    with redirect_stdout(Told(sys.stdout)):  # what is told on the way
-        found = study(plan, files.expanded(out), publish and files.expanded(publish))
-    table = smallest(found)
-    print_table(table.headings, table.texts)
-    print(f"the report is {out / 'report.md'}")
+    _report(study, plan, smallest, out, publish)
 
 
 @app.command(**WORDS)
@@ -66,18 +61,12 @@ def strategies(
     and the smallest brain is searched for (chemoswarm\\[evolution]). Other KEY=VALUE words are settings of
     every training.
     """
-    from swarm._support import files
-    from swarm._support.terminal import Told, print_table
     from trainers.strategies.plan import StrategiesPlan
     from trainers.strategies.report import fractions
     from trainers.strategies.study import study
 
     plan = StrategiesPlan(**_changes("worlds", context.args, seeds, jobs))
-    with redirect_stdout(Told(sys.stdout)):  # what is told on the way
-        found = study(plan, files.expanded(out), publish and files.expanded(publish))
-    table = fractions(found)
-    print_table(table.headings, table.texts)
-    print(f"the report is {out / 'report.md'}")
+    _report(study, plan, fractions, out, publish)
 
 
 def _changes(cases: str, words: list[str], seeds: int | None, jobs: int | None) -> dict[str, Any]:
@@ -89,3 +78,17 @@ def _changes(cases: str, words: list[str], seeds: int | None, jobs: int | None) 
     changes["words"] = tuple(word for word in words if not word.startswith(CASES))
     changes |= {} if seeds is None else {"n_seeds": check_count("--seeds", seeds)}
     return changes | ({} if jobs is None else {"workers": check_count("--jobs", jobs)})
+
+
+def _report(
+    study: Callable[..., Any], plan: Any, table_of: Callable[[Any], Any], out: Path, publish: Path | None
+) -> None:
+    """Carry a plan out, and print what it found and where it is told at length."""
+    from swarm._support import files
+    from swarm._support.terminal import Told, print_table
+
+    with redirect_stdout(Told(sys.stdout)):  # what is told on the way
+        found = study(plan, files.expanded(out), publish and files.expanded(publish))
+    table = table_of(found)
+    print_table(table.headings, table.texts)
+    print(f"the report is {out / 'report.md'}")

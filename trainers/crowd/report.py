@@ -63,7 +63,6 @@ def _opening(plan: CrowdPlan) -> str:
     command = "swarm reproduce --crowd" + " --quick" * plan.quick
     if not plan.quick and plan.n_seeds != CrowdPlan().n_seeds:
         command += f" --seeds {plan.n_seeds}"
-    versions = ", ".join(f"{name} {version}" for name, version in provenance.versions().items())
     how = (
         "The policies are the shipped ones: the spread over training seeds is not in the intervals"
         if plan.quick
@@ -83,7 +82,7 @@ shown*. Two questions were asked when a first run had been looked at, whether a 
 whether DQN or PPO matters; then the races were doubled, too, and their
 intervals were made to keep within 0 and 1.
 
-{versions}; commit {provenance.commit() or "unknown"}.
+{provenance.line()}.
 """
 
 

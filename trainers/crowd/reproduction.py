@@ -122,8 +122,7 @@ def where_from(plan: CrowdPlan, planned: Sequence[Training]) -> dict[str, Any]:
         | {name: RunFolder(each.folder).record.get(name) for name in ("versions", "commit")}
         for each in planned
     }
-    origin = {"versions": provenance.versions(), "commit": provenance.commit()}
-    return {"plan": plan.recorded(), **origin, "trainings": trained}
+    return {"plan": plan.recorded(), **provenance.origin(), "trainings": trained}
 
 
 def keep(folder: Path, found: CrowdFindings, training: Training, stack: Stack) -> None:

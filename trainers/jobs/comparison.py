@@ -143,7 +143,7 @@ def compare(
 
 def _write(out: Path, groups: Sequence[Group], about: dict[str, Any], formats: Sequence[str]) -> None:
     rows = [group.row() for group in groups]
-    record = {"groups": rows, **about, "versions": provenance.versions(), "commit": provenance.commit()}
+    record = {"groups": rows, **about, **provenance.origin()}
     with files.new_folder(out) as folder:
         (folder / "comparison.csv").write_text(Table.of(rows).as_csv(), encoding="utf-8")
         (folder / "comparison.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")

@@ -59,7 +59,6 @@ def text(
 def _opening(plan: MinimalPlan) -> str:
     chosen = [f"experiment={','.join(plan.cases)}", *plan.words]
     seeds = "" if plan.n_seeds == MinimalPlan().n_seeds else f" --seeds {plan.n_seeds}"
-    versions = ", ".join(f"{name} {version}" for name, version in provenance.versions().items())
     return f"""# The smallest brain
 
 Printed by `swarm minimal {" ".join(chosen)}{seeds}`; to be changed by running it again, not by hand.
@@ -84,7 +83,7 @@ difference of its two outputs is counted. Every brain was found with {plan.n_see
 Sizes are chosen by {plan.cells} validation cells, numbers are those of {plan.cells} test cells (population
 seed {plan.seed}), in lives of the experiments' tests. Intervals are 95%, over training seeds and test cells.
 
-{versions}; commit {provenance.commit() or "unknown"}.
+{provenance.line()}.
 """
 
 

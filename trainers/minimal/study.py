@@ -24,7 +24,7 @@ from trainers.minimal.plan import MinimalPlan, rung
 from trainers.minimal.report import Drawn
 from trainers.minimal.tables import Tabulated, tabulate
 from trainers.paper import stacks
-from trainers.paper.delivery import RECORD, REPORT, Delivery, do, staging, write_json
+from trainers.paper.delivery import RECORD, REPORT, Delivery, do, write_json
 from trainers.paper.plan import Training, trainings
 
 RESULTS, SEARCHED, DIGITS = "results.csv", "searched", 6
@@ -55,11 +55,7 @@ def study(plan: MinimalPlan, out: Path, publish: Path | None = None) -> dict[str
     measuring = [Task(case, measure, (case, plan, found)) for case, found in of_case.items()]
     found = dict(zip(plan.cases, do(plan.executor(), measuring, "tests"), strict=True))
     tables = _tabulated(plan)
-    with staging(out) as staged:
-        _write(staged, plan, found, planned, tables)
-        for whole in (publish, out):
-            if whole is not None:
-                DELIVERY.put_in_place(staged, whole)
+    DELIVERY.deliver(out, publish, lambda staged: _write(staged, plan, found, planned, tables))
     return found
 
 
@@ -123,6 +119,8 @@ def _write(
     (folder / RESULTS).write_text(Table.of(rows).as_csv(DIGITS), encoding="utf-8")
     settings = {each.experiment: dataclasses.asdict(each.settings) for each in planned}
     gained = {case: {"gain": each.gain, "inputs": each.brain.inputs} for case, each in drawn.items()}
-    origin = {"versions": provenance.versions(), "commit": provenance.commit()}
-    write_json(folder / RECORD, {"plan": plan.recorded(), **origin, "drawn": gained, "trainings": settings})
+    write_json(
+        folder / RECORD,
+        {"plan": plan.recorded(), **provenance.origin(), "drawn": gained, "trainings": settings},
+    )
     (folder / REPORT).write_text(report.text(plan, found, drawn, tables), encoding="utf-8")

@@ -4,7 +4,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
@@ -67,6 +67,14 @@ class Delivery(NamedTuple):
         for path in sorted(written, key=lambda path: (path.name == REPORT, path.name != RECORD)):
             (out / path).parent.mkdir(parents=True, exist_ok=True)
             files.write_bytes(out / path, (staged / path).read_bytes())
+
+    def deliver(self, out: Path, publish: Path | None, write: Callable[[Path], None]) -> None:
+        """Have everything written, then put it in place, in `publish` too where there is one."""
+        with staging(out) as staged:
+            write(staged)
+            for folder in (publish, out):
+                if folder is not None:
+                    self.put_in_place(staged, folder)
 
 
 def check_shipping(ship: bool, quick: bool) -> None:

@@ -26,7 +26,6 @@ def _opening(plan: Plan, tests: Sequence[Case]) -> str:
     command = "swarm reproduce" + " --quick" * plan.quick
     if not plan.quick and plan.n_seeds != Plan().n_seeds:
         command += f" --seeds {plan.n_seeds}"
-    versions = ", ".join(f"{name} {version}" for name, version in provenance.versions().items())
     missing = set(plan.recipes).difference(*(case.recipes for case in tests))
     how = (
         "The policies tested here are the shipped ones, one for each experiment. Nothing was trained, so the "
@@ -46,7 +45,7 @@ choosing a policy. Intervals are 95%, over training seeds and test cells: both v
 the same cells, and the degrees of freedom are Satterthwaite's. In figures, the policy of a stack of seeds is
 the one that its validation population prefers.
 
-{versions}; commit {provenance.commit() or "unknown"}.
+{provenance.line()}.
 """
 
 

@@ -157,8 +157,7 @@ def where_from(found: Findings) -> dict[str, Any]:
         about = {name: stack.choice.card.get(name) for name in ("settings", "versions", "commit")}
         about |= {"shipped": True, "seeds": list(stack.seeds)}
         trained[f"{stack.recipe}/{stack.experiment}"] = [about]
-    origin = {"versions": provenance.versions(), "commit": provenance.commit()}
-    return {"plan": found.plan.recorded(), **origin, "trainings": trained}
+    return {"plan": found.plan.recorded(), **provenance.origin(), "trainings": trained}
 
 
 def as_dataset(case: Case, outcome: Measured) -> xr.Dataset:

@@ -39,7 +39,6 @@ def text(plan: StrategiesPlan, found: Mapping[str, WorldFindings]) -> str:
 def _opening(plan: StrategiesPlan) -> str:
     words = [] if plan.worlds == WORLDS else [f"experiment={','.join(plan.worlds)}"]
     words += [*plan.words, *([] if plan.n_seeds == StrategiesPlan.n_seeds else [f"--seeds {plan.n_seeds}"])]
-    versions = ", ".join(f"{name} {version}" for name, version in provenance.versions().items())
     return f"""# All strategies
 
 Printed by `{" ".join(["swarm strategies", *words])}`; to be changed by running it again, not by hand.
@@ -63,7 +62,7 @@ What is trained or searched for has {plan.n_seeds} independent seeds, all of whi
 Student's, over training seeds and test cells, which are crossed; of the others over the cells. Fractions are
 of the limit of the very same cells, whose spread is part of the interval.
 
-{versions}; commit {provenance.commit() or "unknown"}.
+{provenance.line()}.
 """
 
 

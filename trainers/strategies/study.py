@@ -13,7 +13,7 @@ from swarm._support.checks import check_installed
 from swarm._support.tables import Table
 from trainers.jobs.executors import Task
 from trainers.paper import stacks
-from trainers.paper.delivery import RECORD, REPORT, Delivery, do, staging, write_json
+from trainers.paper.delivery import RECORD, REPORT, Delivery, do, write_json
 from trainers.paper.plan import Training, trainings
 from trainers.strategies import illustrations, report
 from trainers.strategies.measurements import WorldFindings, measure, minimal
@@ -46,11 +46,7 @@ def study(plan: StrategiesPlan, out: Path, publish: Path | None = None) -> dict[
         }
         tests.append(Task(name, measure, (name, plan, trained, smallest)))
     found = dict(zip(plan.worlds, do(plan.executor(), tests, "tests"), strict=True))
-    with staging(out) as staged:
-        _write(staged, plan, found, planned)
-        for whole in (publish, out):
-            if whole is not None:
-                DELIVERY.put_in_place(staged, whole)
+    DELIVERY.deliver(out, publish, lambda staged: _write(staged, plan, found, planned))
     return found
 
 
@@ -61,6 +57,5 @@ def _write(
     rows = [row for name, each in found.items() for row in report.rows(name, each)]
     (folder / RESULTS).write_text(Table.of(rows).as_csv(DIGITS), encoding="utf-8")
     settings = {each.experiment: dataclasses.asdict(each.settings) for each in planned}
-    origin = {"versions": provenance.versions(), "commit": provenance.commit()}
-    write_json(folder / RECORD, {"plan": plan.recorded(), **origin, "trainings": settings})
+    write_json(folder / RECORD, {"plan": plan.recorded(), **provenance.origin(), "trainings": settings})
     (folder / REPORT).write_text(report.text(plan, found), encoding="utf-8")

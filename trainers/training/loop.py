@@ -202,8 +202,7 @@ class Training:
                 "gain": float(self.best_gain[place]),
                 "fraction_of_limit": None if np.isnan(fraction) else fraction,
             },
-            "versions": provenance.versions(),
-            "commit": provenance.commit(),
+            **provenance.origin(),
         }
 
 

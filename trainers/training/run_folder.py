@@ -48,7 +48,7 @@ class RunFolder:
     @classmethod
     def create(cls, path: Path, settings: Settings) -> RunFolder:
         """A new folder with settings and provenance, whole or not at all; refuses one that is there."""
-        record = {"versions": provenance.versions(), "commit": provenance.commit(), "seeds": settings.seeds}
+        record = {**provenance.origin(), "seeds": settings.seeds}
         record["begun_in"] = str(Path.cwd())  # from where paths of data are told
         with files.new_folder(path) as folder:
             (folder / PROVENANCE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")

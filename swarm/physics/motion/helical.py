@@ -15,7 +15,7 @@ import numpy as np
 
 from swarm._support.arrays import as_array, join, look_up, namespace, polynomial, stacked
 from swarm.physics.flows import Flow
-from swarm.physics.motion.arc import Pose, comes_within, components
+from swarm.physics.motion.arc import Pose, components
 from swarm.physics.motion.collocation import (
     Collocation,
     error_estimate,
@@ -192,14 +192,8 @@ class HelicalSwimmer(Swimmer):
         radius = curvature / xp.where(turning, square, xp.full_like(square, math.nan))
         return pose.position + frame(pose.heading)[1] * radius[..., None]
 
-    def comes_within(
-        self, before: Pose, interval: Interval, end: Pose, path: Array | None, egg: tuple[Any, float]
+    def _closest_approach(
+        self, pose: Pose, arcs: tuple[Array, Array], length: Array, point: Sequence[float]
     ) -> Array:
-        """Whether cells (..., cells) come to an egg (position, radius) on their way to a pose."""
-        if path is not None:
-            return comes_within(path, end.position, *egg)
-        centre, radius = egg
-        length = interval.speed * interval.length
         cells = max(1, math.ceil(self._largest()[0] / CELL))
-        curvature, torsion = interval.swum
-        return closest_approach(before, curvature, torsion, length, centre, cells) <= radius
+        return closest_approach(pose, *arcs, length, point, cells)

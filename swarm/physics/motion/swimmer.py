@@ -223,7 +223,12 @@ class Swimmer:
         if path is not None:
             return comes_within(path, end.position, *egg)
         centre, radius = egg
-        return closest_approach(before, interval.swum, interval.speed * interval.length, centre) <= radius
+        length = interval.speed * interval.length
+        return self._closest_approach(before, interval.swum, length, centre) <= radius
+
+    def _closest_approach(self, pose: Pose, arcs: Any, length: Array, point: Sequence[float]) -> Array:
+        """Smallest distance (..., cells) of what is swum in still water from `point`."""
+        return closest_approach(pose, arcs, length, point)
 
     def swim(self, pose: Pose, interval: Interval, time: Array = None) -> tuple[Pose, Array | None]:
         """The pose after an interval that begins at `time` (..., cells), which only a flow that changes
