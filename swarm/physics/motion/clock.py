@@ -54,16 +54,16 @@ class Clock:
         if self.rule != "exact" and steps > MAX_TICKS:
             raise ValueError(
                 f"time_step must leave at most {MAX_TICKS} steps per decision, got time_step = "
-                f"{self.time_step:g} with period T = {max(self.periods):g} and "
-                f"n_records = {self.n_records}"
+                f"{self.time_step:g} with period T = {max(self.periods):g} at this speed and curvature, "
+                f"and n_records = {self.n_records}"
             )
         if self.life / self.tick > 2**30:
             raise ValueError(f"life must be at most 2^30 ticks of {self.tick:g}, got {self.life:g}")
         if min(self.interval_ticks) < 1:
             raise ValueError(
                 "n_records must leave at least one time_step per decision: T/(N_T Δt) must reach 1, got "
-                f"n_records = {self.n_records} with period T = {min(self.periods):g} and "
-                f"time_step = {self.time_step:g}"
+                f"n_records = {self.n_records} with period T = {min(self.periods):g} at this speed and "
+                f"curvature, and time_step = {self.time_step:g}"
             )
 
     @cached_property
