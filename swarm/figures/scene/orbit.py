@@ -12,6 +12,7 @@ from swarm.figures.scene.easel import SIZE
 from swarm.figures.scene.glance import Groups
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.helix import along_helix, helix
+from swarm.physics.world import World
 
 AWAY = 4.0  # of the eye, in edges of the cube
 ROOM = 1.8  # width of the picture, in edges of the cube, which turns in it
@@ -141,6 +142,12 @@ class Helices(NamedTuple):
     speed: np.ndarray  # [length / time]
     duration: np.ndarray  # [time]
     seen: np.ndarray  # (cells,) bool: swum, and in the cell's present life
+
+    @classmethod
+    def of(cls, world: World, start: Pose, end: np.ndarray, bend: np.ndarray, *when: np.ndarray) -> Helices:
+        """Those of a world's cells, by their curvatures, durations, and whether they are `seen`."""
+        torsion, speed = (np.interp(bend, world.curvatures, y) for y in (world.torsions, world.action_speeds))
+        return cls(start, end, bend, torsion, speed, *when)
 
     def places(self, share: np.ndarray) -> np.ndarray:
         """Places (cells, k, 3) at shares (k,) in [0, 1] of the interval; NaN where nothing is seen.

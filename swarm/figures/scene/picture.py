@@ -18,7 +18,7 @@ from swarm.figures.style import in_style, on_dark, plain, team_colours
 from swarm.physics.world import World
 
 CURVE = (190, 290)  # rows of the curve of gains
-TEAM = 24  # of the name of a team [pixels]
+FIRST_TEAM, TEAM = 436, 24  # row of the name of a team, and from one to the next [pixels]
 TAIL = 1.1  # decisions that a flagellum reaches back
 WAVE, BEAT, BEND = 0.8, 0.8, 0.04  # of a flagellum: decisions a wave, waves a decision, height [length]
 Sight = Camera | Orbit
@@ -43,35 +43,19 @@ class Scene:
             self.water = (Water if world.dimensions == 2 else Volume)(world, self.easel, lower)
             shown = "flow speed" if self.water.shows_flow else "concentration"
             labels = [(52, "time"), (130, "mean gain"), (340, "swimming"), (416 + lower, shown)]
+            labels += [] if teams is None else [(FIRST_TEAM - TEAM, "steered by")]
             for row, label in labels:
                 self.easel.write(LEFT, row, label, fontsize=13, color=FAINT)
-            if teams is not None:
-                self._write_teams(teams)
+            for i, name in enumerate([] if teams is None else teams.names):
+                row = FIRST_TEAM + TEAM * i
+                dot = Line2D([LEFT + 6], [row - 5], color=self.tints[i], marker="o", markersize=11)
+                self.easel.draw(dot, markeredgecolor=HEAD, markeredgewidth=1.0)
+                text = name if len(name) <= 22 else "…" + name[-21:]
+                self.easel.write(LEFT + 20, row, plain(text), fontsize=13)
             self.paper = self.backdrop = self.easel.kept()
 
-    def _write_teams(self, teams: Teams) -> None:
-        """Their names, each in its colour."""
-        self.easel.write(LEFT, 412, "steered by", fontsize=13, color=FAINT)
-        for i, name in enumerate(teams.names):
-            row = 412 + TEAM * (i + 1)
-            dot: dict[str, Any] = {
-                "marker": "o",
-                "markersize": 11,
-                "markeredgecolor": HEAD,
-                "markeredgewidth": 1.0,
-            }
-            self.easel.draw(Line2D([LEFT + 6], [row - 5], color=self.tints[i], **dot))
-            text = name if len(name) <= 22 else "…" + name[-21:]
-            self.easel.write(LEFT + 20, row, plain(text), fontsize=13)
-
     def picture(
-        self,
-        camera: Sight,
-        glance: Glance,
-        trail: Sequence[Path],
-        curve: np.ndarray,
-        *,
-        share: float = 1.0,
+        self, camera: Sight, glance: Glance, trail: Sequence[Path], curve: np.ndarray, share: float = 1.0
     ) -> np.ndarray:
         """The cells of a `glance`, `share` of whose latest segment is swum, and their `trail` (oldest first).
 
@@ -156,7 +140,7 @@ class Scene:
             write(LEFT + 104, 366, f"{min(came, needed)} of {needed}{late}", fontsize=18, color=GOLD)
             for i, (_, cells) in enumerate(self._by_team()):
                 wins = str(int((glance.won & cells).sum()))
-                write(RIGHT, 412 + TEAM * (i + 1), wins, fontsize=13, color=GOLD, ha="right")
+                write(RIGHT, FIRST_TEAM + TEAM * i, wins, fontsize=13, color=GOLD, ha="right")
         ends = min(float(least.min()), 0.0), max(float(largest.max()), 1e-9)
         x = np.interp(time, (0, max(time[-1], 1e-9)), (LEFT, RIGHT))
         zero, mean, least, largest = (np.interp(y, ends, CURVE[::-1]) for y in (0.0, mean, least, largest))

@@ -63,8 +63,8 @@ def velocity_at(world: World, time: float, places: np.ndarray) -> np.ndarray:
 
 
 def speed_at(world: World, time: float, places: np.ndarray) -> np.ndarray:
-    """The flow (...) at places (..., 2) of the plane, complex [length / time], 0 where none is known."""
-    return velocity_at(world, time, places) @ [1, 1j]
+    """How fast (...) it flows at places (..., axes) [length / time], 0 where it is not known."""
+    return np.linalg.norm(velocity_at(world, time, places), axis=-1)
 
 
 def levels_of(
@@ -117,7 +117,7 @@ class Water:
         grid = np.stack(np.meshgrid(camera.x + offsets, camera.y - offsets), axis=-1)
         found = concentration_at(self.world, time, grid, medium)
         known, concentration = np.isfinite(found), np.nan_to_num(found).astype(float)
-        shown = np.abs(speed_at(self.world, time, grid)) if self.shows_flow else concentration
+        shown = speed_at(self.world, time, grid) if self.shows_flow else concentration
         values = shown[known] if known.any() else shown
         self._widen(0.0 if self.shows_flow else float(values.min()), float(values.max()))
         part = (shown - self.span[0]) / max(float(np.ptp(self.span)), 1e-12)
@@ -148,7 +148,7 @@ class Water:
         reach = math.ceil(camera.width / step / 2) + 1
         x, y = (step * np.arange(round(at / step) - reach, round(at / step) + reach + 1) for at in camera[:2])
         grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        flow = speed_at(self.world, time, grid)
+        flow = velocity_at(self.world, time, grid) @ [1, 1j]
         fastest = self.span[1] if self.shows_flow else float(np.abs(flow).max())
         streak = flow[:, None] * (0.7 * step / max(fastest, 1e-12))
         lines = (grid @ [1, 1j])[:, None] + streak * np.linspace(-0.5, 0.5, 9)
