@@ -12,7 +12,7 @@ import numpy as np
 from swarm._support import files
 from swarm.figures.page.lives import fitting, policies_of
 from swarm.figures.page.water import background
-from swarm.figures.scene import Teams
+from swarm.figures.scene import Teams, contact_of
 from swarm.figures.style import on_dark, team_colours
 from swarm.optimal import physical_limit
 from swarm.physics.starts import Starts
@@ -63,6 +63,7 @@ def page(
         "speeds": world.action_speeds,
         "policies": policies_of(results, shown),
         "teams": teams and _teams(teams, shown),
+        "contact": contact_of(world),
         "needed": world.first_arrivals,
         "delay": world.block_delay,
         "limit": _limit(results, world),

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm.figures.scene.easel import SIZE
+from swarm.physics.crowd.interactions import Contact
+from swarm.physics.world import World
 
 TRAIL = 28  # decisions that a trail reaches back
 
@@ -97,6 +99,11 @@ class Segment(NamedTuple):
     def heading(self, share: float, end: np.ndarray) -> np.ndarray:
         """Where cells head (cells,) at a share of the interval, at whose end they head to `end` [rad]."""
         return end - np.where(self.seen, (1 - share) * self.turn, 0.0)
+
+
+def contact_of(world: World) -> float:
+    """Diameter of the disks that push each other apart [length]; 0 where cells do not touch."""
+    return max((each.diameter for each in world.interactions if isinstance(each, Contact)), default=0.0)
 
 
 def places_behind(trail: Sequence[Any], share: float, back: np.ndarray) -> np.ndarray:

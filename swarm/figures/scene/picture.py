@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from swarm.figures.scene.easel import DARK, FAINT, LEFT, RIGHT, Easel, signed
-from swarm.figures.scene.glance import TRAIL, Camera, Glance, Segment, Teams, places_behind
+from swarm.figures.scene.glance import TRAIL, Camera, Glance, Segment, Teams, contact_of, places_behind
 from swarm.figures.scene.orbit import Helices, Orbit
 from swarm.figures.scene.volume import Volume
 from swarm.figures.scene.water import Water
@@ -36,6 +36,7 @@ class Scene:
     def __init__(self, world: World, teams: Teams | None = None) -> None:
         self.world, self.teams = world, teams
         self.seen: tuple | None = None  # for which the backdrop is drawn
+        self.contact = contact_of(world)
         self.tints = {} if teams is None else dict(enumerate(map(on_dark, team_colours(teams.names))))
         lower = TEAM * len(self.tints) + 34 if self.tints else 0
         with in_style(DARK):
@@ -100,7 +101,7 @@ class Scene:
         self._draw_heads(camera, glance, place, camera.angle(place, heading))
 
     def _draw_heads(self, camera: Sight, glance: Glance, place: np.ndarray, angle: np.ndarray) -> None:
-        """Heads, those at rest below; who has won sits at the egg, and bright."""
+        """Heads over their disks, those at rest below; who has won sits at the egg, and bright."""
         resting, heads = glance.finished, np.full(len(place), HEAD, dtype=object)
         if glance.won is not None and self.world.egg is not None:
             (x, y), radius = self.world.egg
@@ -112,8 +113,14 @@ class Scene:
             heads[glance.won] = GOLD
         for tint, cells in self._by_team():
             heads[cells] = tint
+        across, wide = 2 * min(max(0.11 * camera.scale, 4.0), 7.0), self.contact * camera.scale
+        if wide > across:  # disks that push each other apart, where they are seen
+            disks = camera.pixels(place[~glance.finished | glance.finished.all()])
+            size = np.full(len(disks), wide)
+            look = {"facecolors": (HEAD, 0.12), "edgecolors": (HEAD, 0.55), "linewidths": 1.0}
+            self.easel.ellipses(disks, size, size, 0 * size, **look)
         first = camera.order(place, resting)
-        length = np.full(len(first), 2 * min(max(0.11 * camera.scale, 4.0), 7.0))
+        length = np.full(len(first), across)
         length = length * camera.nearness(place[first])
         colours = np.where(resting, RESTING, heads)[first].tolist()
         places, tilt = camera.pixels(camera.flat(place[first])), np.degrees(angle[first])

@@ -43,8 +43,8 @@ void main() {
   vec2 found = texture(film, vec3(at, frame.x)).rg;
   if (frame.z > 0.0) found = mix(found, texture(film, vec3(at, frame.y)).rg, frame.z);
   float v = clamp(found.r / max(found.g, 1e-3), 0.0, 1.0), f = 4.0 * v;
-  vec2 out_of = max(-q, q - 1.0) * (box.zw - box.xy);
-  float known = smoothstep(0.4, 0.6, found.g) * smoothstep(0.6, 0.0, max(out_of.x, out_of.y));
+  vec2 inside = min(q, 1.0 - q) * (box.zw - box.xy); // water fades before its grid ends: beyond, nobody knows it
+  float known = smoothstep(0.4, 0.6, found.g) * smoothstep(0.0, 0.6, min(inside.x, inside.y));
   vec3 c = mix(ramp[0], ramp[1], min(f, 1.0));
   c = mix(c, ramp[2], clamp(f - 1.0, 0.0, 1.0));
   c = mix(c, ramp[3], clamp(f - 2.0, 0.0, 1.0));

@@ -8,6 +8,8 @@ const MANY = 2000; // cells, whose trails and heads are drawn more simply
 const TAILS = 400, TAIL = 0.42, TAIL_PARTS = 10; // at most so many cells show flagella; their length [time]
 const WITH_WAYS = 1000, SMOOTH = 3; // at most so many cells show the ways of their centres; decisions to each side
 
+const headsAcross = (scale, cells) => clamp(0.22 * scale, cells > MANY ? 3 : 7, cells > MANY ? 9 : 13); // [pixels of the page]
+
 function material(vertex, fragment, uniforms, blending) {
   const made = new THREE.RawShaderMaterial({
     glslVersion: THREE.GLSL3, vertexShader: vertex, fragmentShader: fragment, depthTest: false, depthWrite: false,
@@ -314,8 +316,8 @@ class Stage {
       tint.array[j] = colour[0]; tint.array[j + 1] = colour[1]; tint.array[j + 2] = colour[2]; tint.array[j + 3] = rest ? 0.55 : 1;
     }
     for (const each of [place, heading, tint]) each.needsUpdate = true;
-    const many = lives.n > MANY, look = many ? this.specks : this.heads;
-    look.uniforms.across.value = this.ratio * clamp(0.22 * pane.camera.scale, many ? 3 : 7, many ? 9 : 13);
+    const look = lives.n > MANY ? this.specks : this.heads;
+    look.uniforms.across.value = this.ratio * headsAcross(pane.camera.scale, lives.n);
     this.heads.uniforms.rim.value.set(...theme.rim);
     this.aim(look, pane);
     this.renderer.render(pane.dots, this.eye);
