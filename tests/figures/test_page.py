@@ -3,10 +3,8 @@
 import base64
 import http.server
 import itertools
-import json
 import os
 import re
-import shutil
 import subprocess
 import threading
 
@@ -22,24 +20,20 @@ from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies.strategies import Greedy, Swinging
 from swarm.population.contest import population_test
+from tests.figures import CHROMIUM, FLAGS, data_of, in_a_browser, opened, probed
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
-FLAGS += ["--disable-background-networking", "--disable-component-update", "--enable-unsafe-swiftshader"]
-FLAGS += ["--allow-file-access-from-files"]
-in_a_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 # What a cone that is missing makes of linear RGB, Machado, Oliveira and Fernandes (2009), severity 1.
 EYES = {
     "all cones": np.eye(3),
-    "protanopia": [
+    "no red": [
         [0.152286, 1.052583, -0.204868],
         [0.114503, 0.786281, 0.099216],
         [-0.003882, -0.048116, 1.051998],
     ],
-    "deuteranopia": [
+    "no green": [
         [0.367322, 0.860646, -0.227968],
         [0.280085, 0.672501, 0.047413],
-        [-0.011820, 0.042940, 0.968881],
+        [-0.01182, 0.04294, 0.968881],
     ],
 }
 
@@ -50,23 +44,6 @@ def results():
     return population_test(World(), contest, cells=5, life=12.0, seed=1)
 
 
-def data_of(text):
-    return json.loads(re.search(r"const data = (.*);\n", text)[1])
-
-
-def opened(path, fragment, profile, *flags):
-    """The document after the browser has run it for six seconds of its own time."""
-    virtual = ["--virtual-time-budget=6000", "--window-size=900,700", "--dump-dom"]
-    command = [CHROMIUM, *FLAGS, *virtual, *flags, f"--user-data-dir={profile}", f"{path.as_uri()}{fragment}"]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120).stdout
-
-
-def probed(path, code):
-    """The page with a script of ours at its end."""
-    text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace("</body>", f"<script>{code}</script></body>"), encoding="utf-8")
-
-
 def test_a_page_is_small_and_its_browser_is_told_to_load_nothing(results):
     text = page(results)
     assert len(text) < 1e6
@@ -75,10 +52,9 @@ def test_a_page_is_small_and_its_browser_is_told_to_load_nothing(results):
     assert "The MIT License" in text  # of three.js
 
 
-def test_a_page_without_time_series_is_refused():
-    bare = population_test(World(), {}, cells=2, life=8.0, record=False, limit=False)
+def test_a_page_without_time_series_is_refused(results):
     with pytest.raises(ValueError, match="time series"):
-        page(bare)
+        page(results.drop_vars("position"))
 
 
 def test_a_title_cannot_end_the_script(results):
@@ -91,17 +67,14 @@ def test_more_cells_than_fit_are_left_out_and_the_page_says_so(results, monkeypa
     monkeypatch.setattr(lives, "MOST", len(data_of(page(results))["policies"]) * 3 * 32 * 6 * 2 * 4 / 3)
     data = data_of(page(results))
     assert 1 <= data["cells"][0] < data["cells"][1] == 5
-    assert data["policies"][0]["curve"]["mean"][-1] == pytest.approx(
-        float(results["gain"][0].mean()), abs=1e-4
-    )
+    mean = float(results["gain"][0].mean())
+    assert data["policies"][0]["curve"]["mean"][-1] == pytest.approx(mean, abs=1e-4)
 
 
 def test_series_are_read_back_to_a_part_in_sixty_thousand(results):
-    for name, values in (
-        ("x", results["position"].values[0, ..., 0]),
-        ("heading", results["heading"].values[0]),
-    ):
-        held = data_of(page(results))["policies"][0]["series"][name]
+    first, series = results.isel(policy=0), data_of(page(results))["policies"][0]["series"]
+    for name, values in (("x", first["position"].values[..., 0]), ("heading", first["heading"].values)):
+        held = series[name]
         codes = np.frombuffer(base64.b64decode(held["data"]), "<u2").reshape(values.shape)
         found = np.where(codes == 0, np.nan, held["low"] + (codes - 1.0) * held["step"])
         np.testing.assert_allclose(found, values, atol=0.51 * np.nanmax(np.ptp(values)) / 65534 + 1e-6)
