@@ -159,11 +159,6 @@ def team_colours(names: Sequence[str]) -> list[str]:
     return found
 
 
-def on_dark(colour: str) -> str:
-    """The colour as it is on dark water."""
-    return ON_DARK.get(colour, colour)
-
-
 def chosen_policies(results: xr.Dataset, policies: Sequence[str] | None = None) -> list[str]:
     """The `policies`, unless they are given all of the results; ValueError for one that is not in them."""
     known = [str(name) for name in results["policy"].values]

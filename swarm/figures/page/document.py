@@ -13,7 +13,7 @@ from swarm._support import files
 from swarm.figures.page.lives import fitting, policies_of
 from swarm.figures.page.water import background
 from swarm.figures.scene import Teams, contact_of
-from swarm.figures.style import on_dark, team_colours
+from swarm.figures.style import ON_DARK, team_colours
 from swarm.optimal import physical_limit
 from swarm.physics.starts import Starts
 from swarm.physics.world import World
@@ -88,7 +88,7 @@ def _asset(name: str) -> str:
 
 def _teams(teams: Teams, shown: int) -> dict[str, Any]:
     names = [str(name) for name in teams.names]
-    colours = [[each, on_dark(each)] for each in team_colours(names)]
+    colours = [[each, ON_DARK[each]] for each in team_colours(names)]
     return {"names": names, "colours": colours, "cells": teams.steered_by[:shown].tolist()}
 
 

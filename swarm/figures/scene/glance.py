@@ -36,23 +36,18 @@ class Camera(NamedTuple):
     # What the view of space has to compute, `Orbit`, is plain here.
 
     def flat(self, places: np.ndarray) -> np.ndarray:
-        """Complex places (...) of the picture."""
         return places
 
     def angle(self, places: np.ndarray, heading: np.ndarray) -> np.ndarray:
-        """In which directions (...) of the picture cells head [rad]."""
         return heading
 
     def nearness(self, places: np.ndarray) -> float:
-        """How much larger than at the centre things are seen."""
         return 1.0
 
     def order(self, places: np.ndarray, below: np.ndarray) -> np.ndarray:
-        """The cells (cells,) as they are drawn, first those that are to lie `below`."""
         return np.argsort(~below, kind="stable")
 
     def layers(self, groups: Groups, places: np.ndarray) -> Groups:
-        """Groups of cells, each of one colour, as they are drawn."""
         return groups
 
 

@@ -40,18 +40,12 @@ class Orbit(NamedTuple):
             sides = ball[1] * np.array([[-1], [1]])
             places = np.concatenate([places, np.array(ball[0]) + sides])
         low, high = places.min(axis=0), places.max(axis=0)
-        ideal = cls(
-            tuple(((low + high) / 2).tolist()),
-            max(1.12 * float((high - low).max()) + 1.0, SMALLEST),
-            ball=ball,
-        )
-        if before is None:
-            return ideal
-        centre = before.centre + EASE * (ideal.centre - before.centre)
-        needed = 2 * float(np.abs(places - centre).max()) + 0.5
-        return ideal._replace(
-            middle=tuple(centre.tolist()), edge=max(before.edge + EASE * (ideal.edge - before.edge), needed)
-        )
+        middle, edge = (low + high) / 2, max(1.12 * float((high - low).max()) + 1.0, SMALLEST)
+        if before is not None:
+            middle = before.centre + EASE * (middle - before.centre)
+            needed = 2 * float(np.abs(places - middle).max()) + 0.5
+            edge = max(before.edge + EASE * (edge - before.edge), needed)
+        return cls(tuple(middle.tolist()), edge, ball=ball)
 
     def turned(self, decisions: float) -> Orbit:
         """The view after so many decisions."""

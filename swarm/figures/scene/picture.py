@@ -14,7 +14,7 @@ from swarm.figures.scene.glance import TRAIL, Camera, Glance, Segment, Teams, co
 from swarm.figures.scene.orbit import Helices, Orbit
 from swarm.figures.scene.volume import Volume
 from swarm.figures.scene.water import Water
-from swarm.figures.style import in_style, on_dark, plain, team_colours
+from swarm.figures.style import ON_DARK, in_style, plain, team_colours
 from swarm.physics.world import World
 
 CURVE = (190, 290)  # rows of the curve of gains
@@ -37,17 +37,18 @@ class Scene:
         self.world, self.teams = world, teams
         self.seen: tuple | None = None  # for which the backdrop is drawn
         self.contact = contact_of(world)
-        self.tints = {} if teams is None else dict(enumerate(map(on_dark, team_colours(teams.names))))
+        names = [] if teams is None else list(teams.names)
+        self.tints = dict(enumerate(ON_DARK[each] for each in team_colours(names)))
         lower = TEAM * len(self.tints) + 34 if self.tints else 0
         with in_style(DARK):
             self.easel = Easel()
             self.water = (Water if world.dimensions == 2 else Volume)(world, self.easel, lower)
             shown = "flow speed" if self.water.shows_flow else "concentration"
             labels = [(52, "time"), (130, "mean gain"), (340, "swimming"), (416 + lower, shown)]
-            labels += [] if teams is None else [(FIRST_TEAM - TEAM, "steered by")]
+            labels += [(FIRST_TEAM - TEAM, "steered by")] if names else []
             for row, label in labels:
                 self.easel.write(LEFT, row, label, fontsize=13, color=FAINT)
-            for i, name in enumerate([] if teams is None else teams.names):
+            for i, name in enumerate(names):
                 row = FIRST_TEAM + TEAM * i
                 dot = Line2D([LEFT + 6], [row - 5], color=self.tints[i], marker="o", markersize=11)
                 self.easel.draw(dot, markeredgecolor=HEAD, markeredgewidth=1.0)

@@ -127,7 +127,11 @@ class Water:
             veil = 0.8 / 255 * _enlarged(255 * ~known)[..., None]
             water[..., :3] = (1 - veil) * water[..., :3] + veil * 255 * np.array(to_rgb(PAPER))
         self.easel.show(water, 0, 0)
-        self._draw_levels(found if self.world.medium else concentration)
+        held = concentration if self.world.medium is None else found
+        low, high = float(np.nanmin(held)), float(np.nanmax(held))
+        ticks = np.interp(np.arange(GRID), (0, 1, GRID - 2, GRID - 1), (-1, 5.5, SIZE - 6.5, SIZE))
+        lines = levels_of(held, ticks, low, high, SHALLOW * high if self.world.medium else 0.0)
+        self.easel.lines([line for line, _ in lines], "#ffffff", [each for _, each in lines], 1.0)
 
     def _widen(self, low: float, high: float) -> None:
         """Let colours run over these values too."""
@@ -135,12 +139,6 @@ class Water:
         if self.world.medium is not None:  # nor are ripples of rounding shown as waves
             low = min(low, high - SHALLOW * abs(high))
         self.span = low, high
-
-    def _draw_levels(self, concentration: np.ndarray) -> None:
-        low, high = float(np.nanmin(concentration)), float(np.nanmax(concentration))
-        ticks = np.interp(np.arange(GRID), (0, 1, GRID - 2, GRID - 1), (-1, 5.5, SIZE - 6.5, SIZE))
-        found = levels_of(concentration, ticks, low, high, SHALLOW * high if self.world.medium else 0.0)
-        self.easel.lines([line for line, _ in found], "#ffffff", [each for _, each in found], 1.0)
 
     def _draw_streaks(self, camera: Camera, time: float) -> None:
         """Streaks that brighten in the direction of the flow, the longer the faster it is."""
