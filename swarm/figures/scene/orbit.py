@@ -140,6 +140,7 @@ class Helices(NamedTuple):
     @classmethod
     def of(cls, world: World, start: Pose, end: np.ndarray, bend: np.ndarray, *when: np.ndarray) -> Helices:
         """Those of a world's cells, by their curvatures, durations, and whether they are `seen`."""
+        assert world.torsions is not None
         torsion, speed = (np.interp(bend, world.curvatures, y) for y in (world.torsions, world.action_speeds))
         return cls(start, end, bend, torsion, speed, *when)
 
