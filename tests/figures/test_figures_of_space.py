@@ -8,13 +8,11 @@ from importlib import resources
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import swarm
 from swarm import figures
 from swarm.figures.page import page, save_page
 from swarm.figures.scene import SIZE, Orbit
-from swarm.figures.watch import watch
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.helix import along_helix, helix
 from swarm.population.contest import population_test
@@ -117,12 +115,6 @@ def test_populations_are_drawn_in_space(figure):
     for side, middle in zip("xyz", world.egg[0], strict=True):
         low, high = getattr(drawn, f"get_{side}lim")()
         assert low < middle - world.egg[1] < middle + world.egg[1] < high
-
-
-def test_a_film_of_space_is_written(tmp_path):
-    watch("greedy", swarm.World.in_space(life=0.1), cells=2, out=tmp_path / "swim.gif", size=90)
-    with Image.open(tmp_path / "swim.gif") as film:
-        assert (film.size, film.n_frames) == ((120, 90), 3)
 
 
 SCRIPT = """
