@@ -92,6 +92,14 @@ def test_brighter_walls_hold_more():
     assert (np.diff(image[rows, columns]) > 10).all()
 
 
+def test_walls_show_how_fast_it_flows_and_streaks_where_to():
+    viewer, _ = seen(flow="abc")
+    flowing, (slow, fast) = viewer.picture(), viewer.scene.water.span
+    assert slow == 0 < 0.5 * viewer.world.flow.speed_scale < fast < 2 * viewer.world.flow.speed_scale
+    viewer.scene.seen, viewer.scene.water.world = None, swarm.World.in_space(flow="shear")
+    assert (viewer.picture()[:, :SIZE] != flowing[:, :SIZE]).mean() > 0.1
+
+
 def test_paths_go_through_all_places_and_have_shadows_on_three_walls(results):
     world = swarm.World.in_space(**NOISY)
     path = figures.path_of(results, world, "greedy", 1, points=5)

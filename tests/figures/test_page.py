@@ -82,6 +82,14 @@ def test_the_limit_so_far_is_that_of_shorter_lives(results):
     assert held["values"][-1] == pytest.approx(results.attrs["limit"], abs=1e-3)
 
 
+def test_a_page_of_a_flow_shows_its_speed_and_keeps_where_it_goes():
+    results = population_test(World(flow="taylor_green"), {}, cells=2, life=2.0, limit=False)
+    held = data_of(page(results))["background"]
+    assert [layer["what"] for layer in held["layers"]] == ["flow speed", "concentration"]
+    assert held["layers"][0]["most"] == pytest.approx(World(flow="taylor_green").flow.speed_scale, rel=0.05)
+    assert {"x", "y"} < set(held["flow"])
+
+
 def seen_by(colour, eye):
     """CIE L*a*b* of a colour as an eye sees it."""
     rgb = np.array(to_rgb(colour))
