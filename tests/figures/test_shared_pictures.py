@@ -78,10 +78,11 @@ def test_disks_of_contact_are_drawn_where_they_are_seen_and_push(diameter, finis
 
 
 @in_a_browser
-def test_a_page_shows_disks_of_contact_and_no_water_beyond_what_is_known(tmp_path):
+@pytest.mark.parametrize(("start", "outside_is_seen"), [(12.2, False), (13.6, True)])
+def test_a_page_shows_disks_of_contact_and_no_water_beyond_its_box(tmp_path, start, outside_is_seen):
     medium = swarm.Medium(box=((-5, 15), (-5, 15)), shape=(160, 160), uptake=0.02)
     world = EATING.replace(medium=medium, interactions=(swarm.Contact(diameter=0.5),), life=3.0)
-    world = world.replace(start_box=((12.6, 12.6), (12.0, 12.6)))  # near an edge of the box
+    world = world.replace(start_box=((start, start), (12.0, 12.6)))
     results = population_test(world, {}, cells=2, life=3.0, limit=False)
     save_page(results, tmp_path / "page.html", world=world)
     code = """
@@ -91,7 +92,7 @@ def test_a_page_shows_disks_of_contact_and_no_water_beyond_what_is_known(tmp_pat
       for (const id of ["gradient", "ways"]) $(id).checked = false;
       draw(0);
       const at = (x, y) => [pane.width / 2 + 60 * (x - 15), pane.height / 2 - 60 * (y - 13)].map(Math.round);
-      for (const x of [14, 15.1, 16]) {
+      for (const x of [14, 15.2, 18]) {
         const pixel = new Uint8Array(4), [column, row] = at(x, 12.3);
         gl.readPixels(column, $("water").height - row, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
         seen.push(pixel[1]);
@@ -103,7 +104,8 @@ def test_a_page_shows_disks_of_contact_and_no_water_beyond_what_is_known(tmp_pat
     probed(tmp_path / "page.html", code)
     dom = opened(tmp_path / "page.html", "#t=1&theme=dark", tmp_path / "profile")
     inside, beyond, far, disk, rim, outside = map(int, re.search(r'data-seen="([\d ]+)"', dom)[1].split())
-    assert inside > 50 > beyond == far  # green
+    assert inside > 50 > beyond  # green
+    assert (beyond > far + 15) == outside_is_seen
     assert rim > disk > outside == 0
 
 

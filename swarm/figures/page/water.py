@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PIXELS = 144  # of what stands still, along its longer side
-CHANGING = 64  # of a medium
+CHANGING = 80  # of a medium
 FRAMES = 32  # of it, at most
 UNSTEADY, MOMENTS, EACH = 48, 160, 0.5  # of what changes by itself: pixels, most times, and how far apart
 MOST_IN_SPACE = 0.99  # of all values to which colours run, of which the highest lie within the egg
 IN_SPACE, UNSTEADY_IN_SPACE, MOMENTS_IN_SPACE, ARROWS_IN_SPACE = 40, 20, 40, 7  # the same in space
 ARROWS = 24  # places along the longer side at which the flow's direction is kept
-MARGIN, NEAREST = 0.2, 1.6  # around all paths, of their longer side and besides [length]; the last 0.6 fade
+MARGIN, NEAREST = 0.4, 1.6  # around all paths, of their longer side and besides [length]; the last 0.6 fade
 SHORE = LinearSegmentedColormap.from_list("shore", ["#f7fafc", "#dcebf3", "#b9d8e6", "#8fc1d2", "#66a6b8"])
 HEATH = LinearSegmentedColormap.from_list("heath", ["#fbf9fc", "#ebe4f3", "#d6c9e6", "#c0add6", "#a98fc4"])
 
@@ -61,9 +61,7 @@ def _room(results: xr.Dataset, shown: int) -> tuple[np.ndarray, np.ndarray]:
     position = results["position"].isel(cell=slice(shown)).values
     low, high = np.nanmin(position, axis=(0, 1, 2)), np.nanmax(position, axis=(0, 1, 2))
     longest = float((high - low).max())
-    square, margin, nearest = (0.6, MARGIN, NEAREST) if "medium" in results else (1.0, 2 * MARGIN, NEAREST)
-    if len(low) == 3:
-        square, margin, nearest = 0.25, 0.1, 1.0
+    square, margin, nearest = (1.0, MARGIN, NEAREST) if len(low) == 2 else (0.25, 0.1, 1.0)
     wide = np.maximum(high - low, square * longest) + 2 * (margin * longest + nearest)
     return (low + high - wide) / 2, (low + high + wide) / 2
 

@@ -41,7 +41,9 @@ vec3 tinted(vec2 found, float seen) {
   float close = 1.0 - smoothstep(0.0, 1.1, abs(fract(level + 0.5) - 0.5) / wide);
   float strong = mod(floor(level + 0.5), 5.0) < 0.5 ? 1.0 : 0.45;
   c = mix(c, line, contrast * close * strong * smoothstep(0.5, 0.1, wide) * step(1e-4, wide));
-  return mix(paper, c, smoothstep(0.4, 0.6, found.g) * seen);
+  float edge = 1.0 - smoothstep(0.6, 1.4, abs(found.g - 0.5) / max(fwidth(found.g), 1e-5)); // of what is known
+  c = mix(mix(paper, line, 0.12), c, smoothstep(0.4, 0.6, found.g));
+  return mix(paper, mix(c, line, 0.5 * edge), seen);
 }`;
 
 // Water in the plane, and the egg.
