@@ -192,9 +192,10 @@ def test_many_heads_move_smoothly_without_a_graphics_card(tmp_path, world, cells
     flags = ["--remote-debugging-port=0", "--window-size=1280,807", "--enable-logging=stderr"]
     command = [CHROMIUM, *FLAGS, *flags, f"--user-data-dir={tmp_path / 'profile'}", f"{path.as_uri()}#play=1"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as browser:
-        Timer(60, browser.kill).start()
+        (timer := Timer(60, browser.kill)).start()
         lines = (re.search(r"frames per second: ([\d.]+)", line) for line in browser.stderr)
         found = float(next(filter(None, lines))[1])
+        timer.cancel()
         browser.terminate()
     print(f"{cells} cells: {found:.1f} frames per second")
     if found <= 30 and busy > 0.5:
