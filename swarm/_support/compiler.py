@@ -1,4 +1,4 @@
-"""What torch's compiler needs: arrays in pieces, and code that goes on where there is no compiler.
+"""What compilers need: arrays in pieces, loops for numba, and code that goes on where there is no compiler.
 
 Compiled loops over (nodes, cells) write every intermediate result to memory; over one node after the other
 they keep it in a register, which is several times as fast. So arrays are taken apart while torch compiles.
@@ -11,11 +11,12 @@ import importlib.util
 import operator
 import types
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 Array = Any
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 class Every:
@@ -107,6 +108,20 @@ def compiling(array: Array) -> bool:
 
 NUMBA = importlib.util.find_spec("numba") is not None
 _OUTSIDE: list[Callable[..., Array]] = []  # functions that are called from compiled code as they are
+
+
+def loops(function: F) -> F:
+    """`function`, which numba compiles when it is first called, and keeps for later processes; as it is where
+    numba is not installed.
+
+    It sees NumPy arrays and numbers alone, and calls nothing but such functions and NumPy's. A module with
+    such functions is imported when they are needed: numba takes half a second.
+    """
+    if not NUMBA:
+        return function
+    import numba
+
+    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 def loops_on(array: Array) -> bool:

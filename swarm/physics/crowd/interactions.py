@@ -89,8 +89,8 @@ class Contact(Pairwise):
 
 
 def film(x: Any, y: Any, ahead: Any, aside: Any, strength: Any, core: Any) -> tuple[Any, Any, Any]:
-    """u_x, u_y and spin at (x, y) from a dipole that heads (ahead, aside), in a film: r² cos 2θ is a difference
-    of squares. Numbers or arrays; without a literal, which would be of double precision.
+    """u_x, u_y and spin at (x, y) from a dipole that heads (ahead, aside), in a film, where r² cos 2θ is
+    along² − across². Numbers or arrays; there is no literal, which would be of double precision.
     """
     along, across = ahead * x + aside * y, ahead * y - aside * x
     soft = x * x + y * y + core

@@ -48,6 +48,9 @@ class Everyone(NamedTuple):
         return found[0, ...], found[1, ...], found[2, ...]
 
 
+Together = Pairs | Everyone | None  # who interacts: some, all pair by pair, or all as the interaction finds
+
+
 def summed(interaction: Interaction) -> int | None:
     """The number by which `Everyone` knows an interaction that loops sum up; None if there are none."""
     if not NUMBA or not isinstance(interaction, Dipole) or interaction.cutoff is not None:
@@ -62,9 +65,7 @@ def everyone(number: int | None, position: Array, alive: Array) -> Everyone | No
     return None if number is None or not loops_on(position) else Everyone(number, alive)
 
 
-def neighbours(
-    interaction: Interaction, position: Array, far: Array, alive: Array
-) -> Pairs | None:
+def neighbours(interaction: Interaction, position: Array, far: Array, alive: Array) -> Pairs | None:
     """The pairs that may come within an interaction's reach while cells come nearer by `far` (..., cells)
     [length]; None where all pairs are to be taken: few cells, no finite reach, jax, or while torch compiles.
     """

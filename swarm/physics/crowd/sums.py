@@ -1,13 +1,12 @@
-"""Sums: the flow of all dipoles at all cells, pair by pair, for the processor."""
+"""Sums: the flow of all dipoles at all cells, pair by pair, by loops."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from swarm._support.loops import loops
+from swarm._support.compiler import loops
 from swarm.physics.crowd import interactions
 from swarm.physics.crowd.interactions import Dipole
 
@@ -21,48 +20,47 @@ class Sums:
     dipole: Dipole
 
     def __call__(self, alive: np.ndarray, *poses: np.ndarray) -> np.ndarray:
-        """u_x, u_y and spin (3, rows, cells); `alive` (worlds, cells) bool, `poses` x, y and the components of
-        the heading, (rows, cells), whose rows are those worlds over and over.
+        """u_x, u_y and spin (3, rows, cells); `alive` (worlds, cells) bool, `poses` the components of place
+        and heading, each (rows, cells), whose rows are those worlds over and over.
         """
         law, strength, core = self.dipole.law
         number = poses[0].dtype.type
-        return sums_of_rows(law is interactions.film, alive, *poses, number(strength), number(core))
+        return sums(law is interactions.film, alive, *poses, number(strength), number(core))
 
 
 @loops
-def sums_of_rows(film, alive, x, y, ahead, aside, strength, core):
-    """u_x, u_y and spin (3, rows, cells)."""
+def sums(in_film, alive, x, y, ahead, aside, strength, core):
+    """See `Sums`."""
     found = np.zeros((3, *x.shape), x.dtype)
     for row in range(len(x)):
-        given = alive[row % len(alive)], x[row], y[row], ahead[row], aside[row], strength, core
-        if film:
-            films(*given, found[0, row], found[1, row], found[2, row])
-        else:
-            bulks(*given, found[0, row], found[1, row], found[2, row])
+        places, moved = (x[row], y[row]), (found[0, row], found[1, row], found[2, row])
+        for maker in range(x.shape[1]):
+            if alive[row % len(alive), maker]:
+                dipole = x[row, maker], y[row, maker], ahead[row, maker], aside[row, maker], strength, core
+                if in_film:
+                    add_film(places, dipole, moved)
+                else:
+                    add_bulk(places, dipole, moved)
     return found
 
 
 @loops
-def films(alive, x, y, ahead, aside, strength, core, u, v, spin):
-    """Adds to u, v and spin (cells,) what all cells make in a film."""
-    for maker in range(len(x)):
-        if alive[maker]:
-            at, up, along, across = x[maker], y[maker], ahead[maker], aside[maker]
-            for cell in range(len(x)):
-                du, dv, turning = film(x[cell] - at, y[cell] - up, along, across, strength, core)
-                u[cell] += du
-                v[cell] += dv
-                spin[cell] += turning
+def add_film(places, dipole, moved):
+    """Adds to u, v and spin (cells,) what a dipole makes at places in a film."""
+    (x, y), (at, up, ahead, aside, strength, core), (u, v, spin) = places, dipole, moved
+    for cell in range(len(x)):
+        du, dv, turning = film(x[cell] - at, y[cell] - up, ahead, aside, strength, core)
+        u[cell] += du
+        v[cell] += dv
+        spin[cell] += turning
 
 
 @loops
-def bulks(alive, x, y, ahead, aside, strength, core, u, v, spin):
-    """As `films`, in bulk fluid."""
-    for maker in range(len(x)):
-        if alive[maker]:
-            at, up, along, across = x[maker], y[maker], ahead[maker], aside[maker]
-            for cell in range(len(x)):
-                du, dv, turning = bulk(x[cell] - at, y[cell] - up, along, across, strength, core)
-                u[cell] += du
-                v[cell] += dv
-                spin[cell] += turning
+def add_bulk(places, dipole, moved):
+    """As `add_film`, in bulk fluid."""
+    (x, y), (at, up, ahead, aside, strength, core), (u, v, spin) = places, dipole, moved
+    for cell in range(len(x)):
+        du, dv, turning = bulk(x[cell] - at, y[cell] - up, ahead, aside, strength, core)
+        u[cell] += du
+        v[cell] += dv
+        spin[cell] += turning

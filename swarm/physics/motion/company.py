@@ -17,16 +17,23 @@ import numpy as np
 from swarm._support.arrays import Array, as_array, join, namespace, outer
 from swarm._support.compiler import call_outside, outside
 from swarm.physics.crowd.interactions import Contact, Interaction, check_interactions
-from swarm.physics.crowd.neighbours import Everyone, Pairs, everyone, neighbours, summed
+from swarm.physics.crowd.neighbours import Together, everyone, neighbours, summed
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc, components, turned, unit
-from swarm.physics.motion.collocation import Collocation, fastest_change, integral, velocity_and_spin
+from swarm.physics.motion.collocation import (
+    SUBSTEPS,
+    Collocation,
+    fastest_change,
+    integral,
+    velocity_and_spin,
+)
 from swarm.physics.motion.domain import within
 
 TOLERANCE = 2e-6  # error allowed to the pose after one interval without contact, in float64 [length, rad]
 CONVERGED = 1e-8  # change of the pose at which `swim` halves substeps no more [length, rad]
 MOST_SUBSTEPS = 4096
-STEP = 0.2  # stiffness times the length of a Runge–Kutta step of contact
+SWUM = 1.5  # smallest diameters that a cell swims at most in a substep
+STEP = 0.3  # stiffness times the length of a Runge–Kutta step of contact
 MAX_STEPS = 4000  # Runge–Kutta steps of contact in an interval
 CROWDING = 2.0  # dipoles beside a cell, whose scales add up
 
@@ -106,7 +113,9 @@ class Company:
         # a dipole turns twice as fast as its cell, two cells pass at twice their speed, and they may be near
         change = 2.5 * (turn + max(waves, default=0.0) * length) / duration if smooth else 0.0
         strongest = Strongest(flow, smooth, change)
-        scheme = Collocation.for_interval(strongest, turn, length, duration, spacing, TOLERANCE)
+        contacts = [each.diameter for each in interactions if isinstance(each, Contact)]
+        least = min(math.ceil(length / (SWUM * min(contacts))), SUBSTEPS[-1]) if contacts else 1
+        scheme = Collocation.for_interval(strongest, turn, length, duration, spacing, TOLERANCE, least)
         return cls(flow, interactions, scheme)
 
     @cached_property
@@ -124,7 +133,7 @@ class Company:
         """The numbers by which `call_outside` knows what contact does, roughly and as it should be."""
         from swarm.physics.motion.pushes import Pushes  # with what compiles loops
 
-        return tuple(outside(Pushes(self.contacts, self.scheme, step)) for step in (4 * STEP, STEP))
+        return tuple(outside(Pushes(self.contacts, self.scheme, step)) for step in (2 * STEP, STEP))
 
     @cached_property
     def sums(self) -> tuple[int | None, ...]:
@@ -164,7 +173,7 @@ class Company:
             path.append(places)
         return pose, namespace(pose.position).concat(path, axis=0) if scheme.outputs else None
 
-    def _substep(self, now: Substep, pairs: tuple[Pairs | Everyone | None, ...]) -> tuple[Pose, Array]:
+    def _substep(self, now: Substep, pairs: tuple[Together, ...]) -> tuple[Pose, Array]:
         n, xp = self.scheme.nodes, namespace(now.speed)
         heading_x, heading_y = components(now.pose.heading)
         moved_x, moved_y = turned((heading_x, heading_y), *now.motions)  # (2, targets, ..., cells)
@@ -197,7 +206,12 @@ class Company:
         return Pose(join(x[-1, ...], y[-1, ...]), unit(*end)), join(x[n:-1, ...], y[n:-1, ...])
 
     def _rates(
-        self, x: Array, y: Array, head: tuple[Array, Array], now: Substep, pairs: tuple[Pairs | Everyone | None, ...]
+        self,
+        x: Array,
+        y: Array,
+        head: tuple[Array, Array],
+        now: Substep,
+        pairs: tuple[Together, ...],
     ) -> tuple[Array, Array, Array]:
         """Velocity and spin (nodes, ..., cells) from the flow and from the others."""
         u, v, spin = velocity_and_spin(now.flow, x, y, now.times)

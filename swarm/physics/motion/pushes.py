@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from swarm._support.loops import loops
+from swarm._support.compiler import loops
 from swarm.physics.crowd.interactions import Contact
 from swarm.physics.motion.collocation import Collocation
 
@@ -41,23 +41,24 @@ class Pushes:
         """The scheme's targets, the nodes and outputs and the end, as time passes."""
         return np.argsort(self.scheme.targets)
 
-    @functools.cache  # noqa: B019 - one of few for each world
-    def weights(self, steps: int) -> np.ndarray:
-        """Integrals (2 · steps + 1, nodes) from the start to every half step."""
-        return self.scheme.integrals(np.arange(2 * steps + 1) / (2 * steps))
-
     def __call__(self, alive: np.ndarray, *given: np.ndarray) -> np.ndarray:
         """δ_x and δ_y (2, targets, worlds, cells) [length] at the scheme's targets.
 
-        `alive` (worlds, cells) bool; then, of each cell (worlds, cells), place and heading by their components,
+        `alive` (worlds, cells) bool; then of each cell (worlds, cells) the components of place and heading,
         curvature, speed and the length of the substep; the components of the rate of deviation at the nodes
-        (nodes, worlds, cells); and x and y at the targets (targets, worlds, cells) of the paths without contact.
+        (nodes, worlds, cells); and those of the smooth path at the targets (targets, worlds, cells).
         """
         given = tuple(map(np.ascontiguousarray, given))
         longest = float(np.max(np.abs(given[6]), initial=0.0))
         steps = max(1, math.ceil(float(np.sum(self.laws[:, 1])) * longest / self.step))
-        plan = self.weights(steps), self.laws, self.scheme.targets * steps, self.order
+        plan = halves(self.scheme, steps), self.laws, self.scheme.targets * steps, self.order
         return in_worlds(alive, given[:7], given[7:9], given[9:], *plan)
+
+
+@functools.cache
+def halves(scheme: Collocation, steps: int) -> np.ndarray:
+    """Integrals (2 · steps + 1, nodes) of the nodes' polynomials from the start to every half step."""
+    return scheme.integrals(np.arange(2 * steps + 1) / (2 * steps))
 
 
 @loops
@@ -72,7 +73,7 @@ def in_worlds(alive, cells, rates, paths, weights, laws, targets, order):
         if len(pairs) > 0:
             gaps = nearest(pairs, x, y, paths[0][:, world], paths[1][:, world], order)
             gaps -= SLACK * far / len(rates[0])
-            push(pairs, gaps, cells, rates, weights, laws, targets, world, found)
+            push(pairs, gaps, cells, rates, weights, laws, targets, world, far, found)
     return found
 
 
@@ -91,7 +92,7 @@ def farthest(alive, speed, step, u, v):
 
 @loops
 def near_pairs(alive, x, y, reach):
-    """Pairs (pairs, 2) of living cells within reach."""
+    """Pairs (pairs, 2) of living cells within reach: each is compared with all until none is near in x."""
     order = np.argsort(x)
     pairs = np.empty((2 * len(order) + 8, 2), np.int64)
     count = 0
@@ -114,7 +115,7 @@ def near_pairs(alive, x, y, reach):
 
 @loops
 def nearest(pairs, x, y, path_x, path_y, order):
-    """How near (pairs,) pairs come on paths (places, cells) that are straight from place to place in `order`."""
+    """How near (pairs,) pairs come on paths (places, cells), straight from place to place in `order`."""
     found = np.empty(len(pairs))
     for number in range(len(pairs)):
         first, second = pairs[number, 0], pairs[number, 1]
@@ -133,7 +134,7 @@ def nearest(pairs, x, y, path_x, path_y, order):
 
 
 @loops
-def push(pairs, gaps, cells, rates, weights, laws, targets, world, found):
+def push(pairs, gaps, cells, rates, weights, laws, targets, world, far, found):
     """Fills `found` of a world with δ from the pairs (pairs, 2) that touch.
 
     `gaps` (pairs,) is how near these come if nobody is pushed: those that others push nearer take part in a
@@ -148,7 +149,8 @@ def push(pairs, gaps, cells, rates, weights, laws, targets, world, found):
         track, off = tracks(rows, cells, rates, len(weights) // 2, world)
         deltas = np.zeros((2, len(targets), len(rows)))
         pushed = np.zeros(found.shape[-1])
-        pushed[rows] = through(some, track, off, weights, laws, targets, deltas)
+        clear = diameter + 4 * far / len(weights)  # who is so far apart does not touch in a step
+        pushed[rows] = through(some, track, off, weights, laws, targets, clear, deltas)
         found[:, :, world][:, :, rows] = deltas
         more = False
         for number in range(len(pairs)):
@@ -159,8 +161,8 @@ def push(pairs, gaps, cells, rates, weights, laws, targets, world, found):
 
 @loops
 def tracks(rows, cells, rates, steps, world):
-    """Of some cells: place, heading, chord and turn of half a step, length of a step (9, cells), and the rates
-    of deviation (2, nodes, cells) [length].
+    """Of some cells place, heading, chord and turn of half a step, length of a step (9, cells), and rates of
+    deviation (2, nodes, cells) [length].
     """
     track, off = np.empty((9, len(rows))), np.empty((2, len(rates[0]), len(rows)))
     for number in range(len(rows)):
@@ -180,27 +182,29 @@ def tracks(rows, cells, rates, steps, world):
 
 
 @loops
-def through(pairs, track, off, weights, laws, targets, found):
+def through(pairs, track, off, weights, laws, targets, clear, found):
     """Fills `found` (2, targets, cells) with δ, and returns how far cells (cells,) were pushed at most."""
     count = track.shape[1]
-    most, delta, k = np.zeros(count), np.zeros((2, count)), np.zeros((4, 2, count))
-    places = np.zeros((3, 2, count))
+    most, delta, moved = np.zeros(count), np.zeros((2, count)), np.zeros((2, count))
+    k, places = np.zeros((4, 2, count)), np.zeros((3, 2, count))
     places[0] = track[:2]
     for done in range(len(weights) // 2):
         advance(track, off, weights, 2 * done + 1, places, 1)
         advance(track, off, weights, 2 * done + 2, places, 2)
-        for stage in range(4):  # at the start, twice in the middle, at the end, each from the one before
-            force(pairs, places, delta, stage, track, laws, k)
-        for axis in range(2):
-            for cell in range(count):
-                k1, k2, k3, k4 = k[0, axis, cell], k[1, axis, cell], k[2, axis, cell], k[3, axis, cell]
-                k[0, axis, cell] = (k1 + 2 * (k2 + k3) + k4) / 6
+        moved[:] = 0.0
+        if any_within(clear, pairs, places, delta):
+            for stage in range(4):  # at the start, twice in the middle, at the end, each from the one before
+                force(pairs, places, delta, stage, track, laws, k)
+            for axis in range(2):
+                for cell in range(count):
+                    twice = k[1, axis, cell] + k[2, axis, cell]
+                    moved[axis, cell] = (k[0, axis, cell] + 2 * twice + k[3, axis, cell]) / 6
         for number in range(len(targets)):
             if done < targets[number] <= done + 1.001:
-                found[:, number] = delta + (targets[number] - done) * k[0]
+                found[:, number] = delta + (targets[number] - done) * moved
         for cell in range(count):
-            delta[0, cell] += k[0, 0, cell]
-            delta[1, cell] += k[0, 1, cell]
+            delta[0, cell] += moved[0, cell]
+            delta[1, cell] += moved[1, cell]
             most[cell] = max(most[cell], delta[0, cell] ** 2 + delta[1, cell] ** 2)
             places[0, 0, cell], places[0, 1, cell] = places[2, 0, cell], places[2, 1, cell]
     return np.sqrt(most)
@@ -208,9 +212,10 @@ def through(pairs, track, off, weights, laws, targets, found):
 
 @loops
 def advance(track, off, weights, half, places, number):
-    """Moves tracks by half a step along their arcs, and fills places[number] (2, cells), which is off them."""
+    """Moves tracks by half a step along their arcs; places[number] (2, cells) are off them."""
     for cell in range(track.shape[1]):
-        ahead, aside, chord, across = track[2, cell], track[3, cell], track[4, cell], track[5, cell]
+        ahead, aside = track[2, cell], track[3, cell]
+        chord, across = track[4, cell], track[5, cell]
         cosine, sine = track[6, cell], track[7, cell]
         track[0, cell] += ahead * chord - aside * across
         track[1, cell] += aside * chord + ahead * across
@@ -221,6 +226,18 @@ def advance(track, off, weights, half, places, number):
             x += weights[half, node] * off[0, node, cell]
             y += weights[half, node] * off[1, node, cell]
         places[number, 0, cell], places[number, 1, cell] = x, y
+
+
+@loops
+def any_within(distance, pairs, places, delta):
+    """Whether a pair is so near before a step."""
+    for pair in range(len(pairs)):
+        one, two = pairs[pair, 0], pairs[pair, 1]
+        x = places[0, 0, one] - places[0, 0, two] + (delta[0, one] - delta[0, two])
+        y = places[0, 1, one] - places[0, 1, two] + (delta[1, one] - delta[1, two])
+        if x * x + y * y < distance * distance:
+            return True
+    return False
 
 
 @loops
