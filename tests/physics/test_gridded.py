@@ -457,9 +457,10 @@ def test_a_field_and_a_flow_in_different_units_of_length_are_an_error():
 def with_c(path, shape=(7, 7), dtype="f8", *, x=None, **options):
     """A file of a variable c, of which no number need be stored."""
     with h5py.File(path, "w") as file:
-        file.create_dataset("x", (shape[0] if x is None else x,), "f8", chunks=(2,))
-        file.create_dataset("y", (shape[1],), "f8", chunks=(2,))
-        file.create_dataset("c", shape, dtype, **options)
+        variable = file.create_dataset("c", shape, dtype, **options)
+        for axis, length in enumerate((shape[0] if x is None else x, shape[1])):
+            file.create_dataset("xy"[axis], (length,), "f8", chunks=(2,)).make_scale("xy"[axis])
+            variable.dims[axis].attach_scale(file["xy"[axis]])
 
 
 def elsewhere(path):

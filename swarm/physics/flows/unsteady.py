@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from swarm._support.arrays import Array, moment, namespace
 from swarm._support.checks import Checked, check_number, parameter
-from swarm.physics.flows.flow import FLOWS, FrozenFlow
+from swarm.physics.flows.flow import FLOWS, FrozenFlow, InPlane
 from swarm.physics.flows.vortices import TaylorGreen
 
 
@@ -37,7 +37,7 @@ class OscillatingTaylorGreen(TaylorGreen):
 
 @FLOWS.register("double_gyre")
 @dataclass(frozen=True)
-class DoubleGyre(Checked):
+class DoubleGyre(Checked, InPlane):
     """Two gyres side by side in [0, 2L] × [0, L], whose border swings (Shadden, Lekien & Marsden 2005,
     Physica D 212, 271; the defaults are theirs): ψ = AL sin(πf) sin(πY), X = x/L, Y = y/L,
     f = ε sin(Ωt) X² + (1 − 2ε sin Ωt) X, u = (−∂ψ/∂y, ∂ψ/∂x).
@@ -110,12 +110,6 @@ class DoubleGyre(Checked):
             self.speed_scale * cosine * slope * sine_up,
             (-0.5 * self.speed_scale / self.size) * bend * sine_up,
         )
-
-    def velocity(self, position: Array) -> Array:
-        return self.at(0.0).velocity(position)
-
-    def spin(self, position: Array) -> Array:
-        return self.at(0.0).spin(position)
 
     def inside(self, position: Array) -> Array:
         """Whether `position` (..., 2) lies in the gyres, bool (...)."""

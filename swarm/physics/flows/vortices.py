@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from operator import attrgetter
 
-from swarm._support.arrays import Array, join, namespace
+from swarm._support.arrays import Array, namespace
 from swarm._support.checks import Checked, check_flag, check_number, check_pair, parameter
-from swarm.physics.flows.flow import FLOWS
+from swarm.physics.flows.flow import FLOWS, InPlane
 
 # Lamb–Oseen: x² = 1.2564… solves 1 + 2x² = exp(x²), and there (1 − exp(−x²))/x is largest.
 PEAK_VELOCITY = 0.6381726863389515  # at x = 1.1209064227785340 cores, in Γ/(2π core)
@@ -16,7 +16,7 @@ PEAK_VELOCITY = 0.6381726863389515  # at x = 1.1209064227785340 cores, in Γ/(2�
 
 @FLOWS.register("taylor_green")
 @dataclass(frozen=True)
-class TaylorGreen(Checked):
+class TaylorGreen(Checked, InPlane):
     """Taylor–Green vortices u = u₀ (cos kx sin ky, −sin kx cos ky), ω₀ = −u₀ k cos kx cos ky (paper: external
     flow)."""
 
@@ -49,13 +49,6 @@ class TaylorGreen(Checked):
             -speed * (sine_plus + sine_minus),
             -spin * (xp.cos(plus) + xp.cos(minus)),
         )
-
-    def velocity(self, position: Array) -> Array:
-        x, y, _ = self.velocity_and_spin(position[..., 0], position[..., 1])
-        return join(x, y)
-
-    def spin(self, position: Array) -> Array:
-        return self.velocity_and_spin(position[..., 0], position[..., 1])[2]
 
 
 @FLOWS.register("vortex")
