@@ -34,6 +34,7 @@ from swarm.physics.crowd.mesh import WIDTHS, Box, Mesh
 from swarm.physics.crowd.transport import Waves
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow, StillWater
+from swarm.physics.motion.clock import frozen
 
 Array = Any
 
@@ -152,8 +153,7 @@ class Medium(Checked):
             origin = self.mesh.centred(origin, position, everyone)[0]
         grid = as_array(np.zeros((*batch, *self.shape)), position)
         if self.carried:
-            field = field.at(0.0) if hasattr(field, "at") else field
-            grid = xp.reshape(field.concentration(self.mesh.places(origin)), grid.shape)
+            grid = xp.reshape(frozen(field, 0.0).concentration(self.mesh.places(origin)), grid.shape)
         nothing = xp.zeros_like(position[..., 0])
         return MediumState(grid, origin, nothing, nothing, xp.sum(nothing, axis=-1), xp.sum(nothing, axis=-1))
 

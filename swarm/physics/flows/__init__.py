@@ -5,8 +5,7 @@ from swarm.physics.flows.function import FunctionFlow
 from swarm.physics.flows.gridded import GriddedFlow
 from swarm.physics.flows.parallel import PoiseuilleFlow, ShearFlow, StillWater, UniformFlow
 from swarm.physics.flows.spatial import ABCFlow, ShearAroundSphere
-from swarm.physics.flows.unsteady import DoubleGyre, OscillatingTaylorGreen
-from swarm.physics.flows.vortices import TaylorGreen, Vortex
+from swarm.physics.flows.vortices import DoubleGyre, OscillatingTaylorGreen, TaylorGreen, Vortex
 
 __all__ = [
     "FLOWS",

@@ -54,7 +54,6 @@ class GriddedFlow(Interpolant):
     ) -> None:
         given = self._check_names(velocity, spin, vorticity)
         reading = Reading(edges, interpolation, period, spacing_tolerance, fill, outside_time)
-        reading.checked()  # before anything is read
         grid = read_grid(data, [*velocity, *given], reading, sha256)
         axes = len(grid.lattice.shape)
         if len(velocity) != axes:
@@ -86,16 +85,8 @@ class GriddedFlow(Interpolant):
         self._numbers |= {} if vorticity is None else {"vorticity": vorticity}
         self._numbers |= {"speed_scale": self.speed_scale, "spin_scale": self.spin_scale}
 
-    def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """u_x, u_y and ω₀ (...) at the places (x, y)."""
-        u_x, u_y, spin = self._both(x, y)
-        return u_x, u_y, spin
-
-    def velocity_and_vorticity(self, x: Array, y: Array, z: Array) -> tuple[Array, ...]:
-        """The components (...) of velocity and vorticity at the places (x, y, z), in space."""
-        return self._both(x, y, z)
-
-    def _both(self, *places: Array) -> tuple[Array, ...]:
+    def velocity_and_spin(self, *places: Array) -> tuple[Array, ...]:
+        """u_x, u_y and ω₀ (...) at the places (x, y), in space the components of velocity and vorticity."""
         axes = len(places)
         places, moment = self._places(*places)
         if not self._differentiates:
@@ -107,16 +98,18 @@ class GriddedFlow(Interpolant):
             found = *self.spline(places, moment), *(places[0],) * len(CURLS[axes])
         return found if self._spins else (*found[:axes], *(0.0 * each for each in found[axes:]))
 
+    velocity_and_vorticity = velocity_and_spin
+
     def velocity(self, position: Array) -> Array:
         values = self.spline(*self._places(*components(position)))
         return join(*values[: self.coordinates])
 
     def spin(self, position: Array) -> Array:
-        return self.velocity_and_spin(position[..., 0], position[..., 1])[2]
+        return self.velocity_and_spin(*components(position))[2]
 
     def vorticity(self, position: Array) -> Array:
         """(..., 3), in space."""
-        return join(*self._both(*components(position))[3:])
+        return join(*self.velocity_and_spin(*components(position))[3:])
 
     @staticmethod
     def _check_names(velocity: Sequence[str], spin: str | None, vorticity: Sequence[str] | None) -> list[str]:
