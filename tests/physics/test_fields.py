@@ -29,6 +29,7 @@ FIELDS = [
     DiffusingSource(gradient_scale=0.1, distance=5.0, core=2.0, offset=7.0, egg_position=(1.0, 1.0)),
     FunctionField(lambda r: 3.0 * r[..., 0] + 1.0, gradient_scale=3.0, max_gradient=3.0),
 ]
+each_field = pytest.mark.parametrize("field", FIELDS, ids=lambda field: type(field).__name__)
 
 
 def gradient(field, position, step=1e-5):
@@ -43,7 +44,7 @@ def gradient(field, position, step=1e-5):
     )
 
 
-@pytest.mark.parametrize("field", FIELDS, ids=lambda field: type(field).__name__)
+@each_field
 def test_a_field_keeps_the_shape_and_dtype_of_positions(xp, field):
     assert isinstance(field, Field)
     for dtype in (xp.float32, xp.float64):
@@ -53,7 +54,7 @@ def test_a_field_keeps_the_shape_and_dtype_of_positions(xp, field):
             assert concentration.dtype == dtype
 
 
-@pytest.mark.parametrize("field", FIELDS, ids=lambda field: type(field).__name__)
+@each_field
 def test_no_gradient_is_steeper_than_the_stated_bound(field):
     places = np.random.default_rng(0).normal(0, 10, (4000, 2))
     steepest = np.linalg.norm(gradient(field, places), axis=-1).max()
@@ -61,14 +62,16 @@ def test_no_gradient_is_steeper_than_the_stated_bound(field):
     assert steepest > 0.7 * field.max_gradient
 
 
-def test_the_linear_field_rises_along_y(xp):
-    c = LinearField(gradient_scale=2.0, offset=3.0).concentration(array(xp, [[5.0, 0.0], [-1.0, 2.0]]))
-    np.testing.assert_array_equal(to_numpy(c), [3.0, 7.0])
-
-
-def test_the_radial_field_falls_with_the_distance(xp):
-    c = RadialField(gradient_scale=2.0, offset=30.0).concentration(array(xp, [[3.0, 4.0], [0.0, 0.0]]))
-    np.testing.assert_allclose(to_numpy(c), [20.0, 30.0], rtol=1e-15)
+@pytest.mark.parametrize(
+    ("field", "places", "expected"),
+    [
+        (LinearField(gradient_scale=2.0, offset=3.0), [[5.0, 0.0], [-1.0, 2.0]], [3.0, 7.0]),
+        (RadialField(gradient_scale=2.0, offset=30.0), [[3.0, 4.0], [0.0, 0.0]], [20.0, 30.0]),
+        (FunctionField(lambda r: r[..., 0] ** 2, gradient_scale=1.0), [[3.0, 1.0]], [9.0]),
+    ],
+)
+def test_simple_fields_are_as_they_are_written(xp, field, places, expected):
+    np.testing.assert_allclose(to_numpy(field.concentration(array(xp, places))), expected, rtol=1e-15)
 
 
 def test_the_gaussian_plume_is_steepest_at_its_width():
@@ -85,13 +88,6 @@ def test_the_diffusing_source_has_its_typical_gradient_at_the_stated_distance():
     # far away c − c₀ = s/r, which solves the diffusion equation in three dimensions
     far = field.concentration(np.array([[1001.0, 0.0], [2001.0, 0.0]])) - 2.0
     np.testing.assert_allclose(far[0] / far[1], 2.0, rtol=1e-5)
-
-
-def test_a_plain_function_is_a_field():
-    field = FunctionField(lambda r: r[..., 0] ** 2, gradient_scale=1.0)
-    np.testing.assert_array_equal(field.concentration(np.array([[3.0, 1.0]])), [9.0])
-    assert field.max_gradient is None
-    assert field.egg_radius is None
 
 
 @pytest.mark.parametrize("value", [1.0, (1.0,), (1.0, 2.0, 3.0, 4.0), (1.0, math.inf), ("x", "y"), None])
