@@ -99,17 +99,18 @@ def test_every_library_and_batch_gives_the_same(xp, kind):
         np.testing.assert_allclose(to_numpy(sensed)[index], there, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("cells", [1, 40, 10_000])
 @pytest.mark.parametrize("kind", KINDS, ids=str)
-def test_the_order_of_cells_does_not_matter_and_nothing_is_lost(kind):
-    medium, (places, alive) = medium_of(**kind), crowd(cells=40)
-    order = np.random.default_rng(0).permutation(40)
+def test_the_order_of_cells_does_not_matter_and_nothing_is_lost(kind, cells):
+    medium, (places, alive) = medium_of(**kind), crowd(cells=cells)
+    order = np.random.default_rng(0).permutation(cells)
     state, other = (decisions(medium, p, a) for p, a in ((places, alive), (places[:, order], alive[order])))
     np.testing.assert_allclose(other.grid, state.grid, rtol=0, atol=1e-13)
     np.testing.assert_allclose(other.eaten, state.eaten[order], rtol=0, atol=1e-13)
     before = medium.balance(medium.start(Rising(), places[0]))
     assert medium.balance(state) == pytest.approx(before, rel=1e-12, abs=1e-12 * state.eaten.sum())
     assert (state.eaten[~alive] == 0).all()
-    assert (state.eaten > 0).sum() > 20
+    assert (state.eaten > 0).sum() > 0.5 * cells
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -222,7 +223,10 @@ def test_coordinates_are_those_of_the_centres_of_meshes():
 
 
 BAD = [
-    ({"box": ((0, 0), (0, 1))}, "box must be wider than 0, got ((0, 0), (0, 1))"),
+    *(
+        ({"box": box}, f"box must have two sides, of lengths above 0 that are finite, got {box}")
+        for box in (((0, 0), (0, 1)), ((0, 1),) * 3, ((-1e308, 1e308), (0, 1)))
+    ),
     ({"shape": (8, 0)}, "shape must be two whole numbers of nodes (nx, ny), got (8, 0)"),
     ({"shape": (3, 8)}, "shape must be at least 4 nodes along each axis for the kernel 'cubic', got (3, 8)"),
     ({"edges": "periodc"}, "did you mean 'periodic'?"),
@@ -271,6 +275,8 @@ UNFIT = [
     ({"uptake": 1.0}, {"field": LinearField(offset=-3.0)}, "uptake must be 0 where the field is negative"),
     ({}, {"field": FunctionField(lambda p: np.log(p[..., 0] - 1), 1.0)}, "box must lie where the field is"),
     ({"carried": True, "substeps": 1}, {"flow": TaylorGreen(3.0)}, "substeps must be at least"),
+    ({"substeps": 1001}, {}, "substeps must be at most 1000, got 1001"),
+    ({"substeps": 5, "shape": (10**6, 10**6)}, {}, "shape must be of nodes that fit into memory, got"),
     (
         {"carried": True, "edges": "noflux"},
         {"field": GaussianPlume(width=0.06, egg_position=(4.0, 4.0), egg_radius=None)},
@@ -296,9 +302,7 @@ def test_a_medium_must_suit_the_fastest_and_the_tightest_of_unlike_cells(given, 
         World(medium=given, spread=spread)
 
 
-@pytest.mark.parametrize(
-    ("kind", "parts", "message"), UNFIT, ids=lambda value: str(value).partition(" at 0x")[0][:60]
-)
+@pytest.mark.parametrize(("kind", "parts", "message"), UNFIT, ids=named)
 def test_a_medium_that_does_not_suit_its_world_is_refused(kind, parts, message):
     parts = {"field": LinearField(), "flow": StillWater(), **CELLS, **parts}
     with np.errstate(all="ignore"), pytest.raises(ValueError, match="medium") as error:
@@ -319,9 +323,7 @@ EDGES = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("kind", "field", "flow", "message"), EDGES, ids=lambda value: str(value).partition(" at 0x")[0][:40]
-)
+@pytest.mark.parametrize(("kind", "field", "flow", "message"), EDGES, ids=named)
 def test_what_meets_itself_at_the_edges_is_warned_of(kind, field, flow, message):
     medium = Medium(**{**GOOD, **CARRIED, **kind})
     with warnings.catch_warnings(record=True) as found:

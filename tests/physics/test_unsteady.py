@@ -104,20 +104,6 @@ def test_a_releasing_source_is_the_integral_of_all_that_it_released(d, distance)
     assert found == pytest.approx(exact, rel=1e-9)
 
 
-def test_outside_the_core_sources_are_those_of_a_point(xp):
-    r = np.array([[3.0, 0.0], [0.0, 4.0], [-6.0, 8.0]])
-    distance, spread = np.hypot(*r.T), 4 * D * 30.0
-    film = 2 / (4 * math.pi * D) * special.exp1(distance**2 / spread)
-    bulk = 2 / (4 * math.pi * D * distance) * special.erfc(distance / math.sqrt(spread))
-    moving = 2 / (4 * math.pi * D * distance) * np.exp(-0.3 * (distance + r[:, 0]) / (2 * D))
-    here = array(xp, r)
-    for name, exact in (("releasing_2", film), ("releasing_3", bulk)):
-        found = FIELDS[name].at(20.0).concentration(here)
-        np.testing.assert_allclose(to_numpy(found), exact, rtol=1e-7)
-    found = FIELDS["moving"].at(20.0).concentration(here + array(xp, [-1.0 + 0.3 * 20, 0.2]))
-    np.testing.assert_allclose(to_numpy(found), moving, rtol=1e-7)
-
-
 @pytest.mark.parametrize("velocity", [(0.0, 0.0), (0.3, -0.4), (30.0, 0.0)])
 def test_a_moving_source_is_the_integral_of_all_that_it_released(places, velocity):
     field = swarm.MovingSource(2.0, D, velocity=velocity, core=0.5)

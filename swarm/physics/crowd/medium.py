@@ -9,6 +9,7 @@ leading batch axes.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -41,8 +42,8 @@ Array = Any
 
 def _check_room(name: str, value: Any) -> Box:
     box: Any = check_box(name, value)
-    if len(box) != 2 or any(low == high for low, high in box):
-        raise ValueError(f"{name} must be wider than 0, got {value!r}")
+    if len(box) != 2 or not all(0 < high - low < math.inf for low, high in box):
+        raise ValueError(f"{name} must have two sides, of lengths above 0 that are finite, got {value!r}")
     return box
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from swarm._support.checks import check_memory
 from swarm.physics.crowd.mesh import Box
 from swarm.physics.crowd.transport import ADVECTION_LIMIT
 from swarm.physics.fields import Field
@@ -29,6 +30,8 @@ def substeps(medium: Medium, flow: Flow, speed: float, interval: float) -> int:
     """
     fastest = _fastest_wave(medium, flow) * interval
     if medium.substeps is not None:
+        if medium.substeps > MOST_SUBSTEPS:
+            raise ValueError(f"medium.substeps must be at most {MOST_SUBSTEPS}, got {medium.substeps}")
         if fastest > ADVECTION_LIMIT * medium.substeps:
             needed = math.ceil(fastest / ADVECTION_LIMIT)
             rule = (
@@ -73,6 +76,9 @@ def check(
     """
     substeps(medium, flow, speed, interval)
     _check_box(medium, start_box)
+    rows, columns = medium.shape  # a matrix spreads along each axis, with waves and slopes
+    needed = 8.0 * (8 * rows * columns + 5 * (rows**2 + columns**2))
+    check_memory(needed, f"medium.shape must be of nodes that fit into memory, got {medium.shape}")
     widest = max(medium.mesh.spacing)
     if widest > 1 / curvature:
         rule = f"shape must put nodes at most {1 / curvature:g} apart, the radius of the tightest circle"
