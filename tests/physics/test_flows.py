@@ -18,7 +18,7 @@ from swarm.physics.flows import (
     Vortex,
 )
 from swarm.physics.motion.collocation import velocity_and_spin
-from tests.reference import array, to_numpy
+from tests.reference import array, slopes_of, to_numpy
 
 WRITTEN_OUT = Vortex(speed_scale=0.2, core=3.0)
 FLOWS = [
@@ -53,19 +53,11 @@ def places_in(flow):
     return low + (high - low) * np.random.default_rng(0).uniform(0.01, 0.99, (1000, 2))
 
 
-def jacobian(flow, position, step=1e-5):
-    """∂u_i/∂x_j (..., i, j) by central differences."""
-    columns = [
-        (flow.velocity(position + s) - flow.velocity(position - s)) / (2 * step) for s in step * np.eye(2)
-    ]
-    return np.stack(columns, axis=-1)
-
-
 @each_flow
 def test_a_flow_makes_no_water_spins_with_half_its_vorticity_and_keeps_its_bounds(xp, flow):
     assert isinstance(flow, Flow)
     places = places_in(flow)
-    slope = jacobian(flow, places)
+    slope = slopes_of(flow.velocity, places)
     np.testing.assert_allclose(np.trace(slope, axis1=1, axis2=2), 0, rtol=0, atol=1e-9)
     spin = to_numpy(flow.spin(array(xp, places)))
     np.testing.assert_allclose(spin, 0.5 * (slope[:, 1, 0] - slope[:, 0, 1]), rtol=0, atol=1e-9)

@@ -13,14 +13,17 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import swarm
+from benchmarks.exact_space import place_and_frame
+from benchmarks.exact_space import reference as reference_in_space
 from swarm.physics.fields import FIELDS, GaussianPlume, GriddedField, LinearField
-from swarm.physics.flows import FLOWS, GriddedFlow, TaylorGreen, Vortex
+from swarm.physics.flows import FLOWS, ABCFlow, GriddedFlow, TaylorGreen, Vortex
 from swarm.physics.grids import grid as grids
 from swarm.physics.grids.netcdf import checksum, located
-from swarm.physics.motion.collocation import swim
+from swarm.physics.motion.collocation import TOLERANCE, swim
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
-from tests.reference import array, place_and_heading, pose, reference, to_numpy
+from tests.reference import array, place_and_heading, pose, reference, slopes_of, to_numpy
 
 PLUME = GaussianPlume(gradient_scale=2.0, width=4.0, offset=1.0, egg_position=(3.0, -1.0))
 FLOW = TaylorGreen(speed_scale=0.3, wavenumber=np.pi / 5)
@@ -104,9 +107,8 @@ def test_a_linear_field_is_reproduced_exactly(xp, places, interpolation):
 
 def test_cubic_spin_is_half_the_vorticity_of_the_interpolant(places):
     flow = on_grid(FLOW, 12, "periodic")
-    step = 1e-5
-    dx, dy = ((flow.velocity(places + s) - flow.velocity(places - s)) / (2 * step) for s in step * np.eye(2))
-    np.testing.assert_allclose(flow.spin(places), 0.5 * (dx[:, 1] - dy[:, 0]), rtol=0, atol=1e-9)
+    slope = slopes_of(flow.velocity, places)
+    np.testing.assert_allclose(flow.spin(places), 0.5 * (slope[:, 1, 0] - slope[:, 0, 1]), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
@@ -133,23 +135,6 @@ def test_beyond_a_clamped_edge_the_value_at_the_edge_goes_on(xp, interpolation):
     np.testing.assert_array_equal(to_numpy(field.concentration(outside)), to_numpy(field.concentration(edge)))
     np.testing.assert_array_equal(to_numpy(field.inside(outside)), [False] * 4)
     np.testing.assert_array_equal(to_numpy(field.inside(edge)), [True] * 4)
-
-
-def test_a_cell_that_leaves_a_clamped_grid_is_truncated(xp):
-    field = on_grid(LinearField(), 5, "clamped", size=(2.0, 2.0))
-    world = World(field=field)
-    assert world.box == ((0.0, 2.0), (0.0, 2.0))
-    position, heading, past = draw_starts(world, 40, 0)
-    state = world.start(array(xp, position), array(xp, heading), array(xp, past, xp.int64))
-    left = np.zeros(40, bool)
-    for turn in range(20):
-        before, over = to_numpy(state.position), left
-        state, outcome = world.step(state, array(xp, np.full(40, turn % 2), xp.int64))
-        left = over | to_numpy(outcome.truncated)
-        np.testing.assert_array_equal(np.all(to_numpy(state.position) == before, axis=-1), left)
-        assert np.all(to_numpy(field.inside(state.position)))
-        np.testing.assert_array_equal(to_numpy(state.finished), left)
-    assert 0 < left.sum() < 40
 
 
 def test_a_start_outside_a_clamped_grid_is_an_error_and_on_a_periodic_one_it_is_not(xp):
@@ -200,12 +185,8 @@ def test_bounds_hold_everywhere(edges, interpolation):
     )
     field = GriddedField(data, edges=edges, interpolation=interpolation, variable="c")
     places = rng.uniform(-2, 12, (20_000, 2))
-    step = 1e-6
-    slopes = [
-        (field.concentration(places + s) - field.concentration(places - s)) / (2 * step)
-        for s in step * np.eye(2)
-    ]
-    assert np.hypot(*slopes).max() <= field.max_gradient * (1 + 1e-6)
+    slopes = slopes_of(field.concentration, places, 1e-6)
+    assert np.linalg.norm(slopes, axis=-1).max() <= field.max_gradient * (1 + 1e-6)
     for spin in (None, "spin"):
         flow = GriddedFlow(data, edges=edges, interpolation=interpolation, spin=spin)
         assert np.linalg.norm(flow.velocity(places), axis=-1).max() <= flow.max_speed
@@ -215,9 +196,8 @@ def test_bounds_hold_everywhere(edges, interpolation):
 def test_scales_are_measured_or_given():
     measured = on_grid(PLUME, 40, "clamped").gradient_scale
     dense = np.stack(np.meshgrid(*places_of(200, "clamped"), indexing="ij"), axis=-1)
-    offset = 1e-5 * np.eye(2)
-    slopes = [(PLUME.concentration(dense + s) - PLUME.concentration(dense - s)) / 2e-5 for s in offset]
-    assert measured == pytest.approx(np.sqrt(np.mean(slopes[0] ** 2 + slopes[1] ** 2)), rel=0.02)
+    squares = np.sum(slopes_of(PLUME.concentration, dense) ** 2, axis=-1)
+    assert measured == pytest.approx(np.sqrt(np.mean(squares)), rel=0.02)
     with pytest.warns(UserWarning, match=f"{measured:.3g} over the grid, got 7"):
         assert on_grid(PLUME, 40, "clamped", gradient_scale=7).gradient_scale == 7.0
     assert on_grid(PLUME, 40, "clamped", gradient_scale=1.9 * measured).gradient_scale == 1.9 * measured
@@ -321,22 +301,6 @@ def with_x(places):
 def test_wrong_data_are_errors_that_name_the_variable_the_rule_and_the_value(data, options, message):
     with pytest.raises((TypeError, ValueError), match=message):
         GriddedField(data, **{"edges": "clamped", **options})
-
-
-def test_a_flow_needs_two_variables_of_velocity():
-    data = sampled(FLOW, *places_of(8, "periodic"))
-    with pytest.raises(
-        ValueError, match=r"variable must be one of spin, u_x, u_y, got 'v_y'; did you mean 'u_y'"
-    ):
-        GriddedFlow(data, edges="periodic", velocity=("u_x", "v_y"))
-    with pytest.raises(
-        ValueError, match="velocity must be the names of two variables, or three in space, got 'u_x'"
-    ):
-        GriddedFlow(data, edges="periodic", velocity="u_x")
-    with pytest.raises(TypeError, match="data must be a Dataset with u_x, u_y, got a DataArray"):
-        GriddedFlow(data["u_x"], edges="periodic")
-    with pytest.raises(ValueError, match=r"speed_scale must be a finite number above 0, got 0\.0"):
-        GriddedFlow(data * 0, edges="periodic")
 
 
 def test_a_flow_that_does_not_spin_is_sensed_as_such():
@@ -443,3 +407,123 @@ def test_bytes_flipped_in_a_file_never_raise_anything_but_clear_errors(tmp_path)
         path.write_bytes(broken)
         with contextlib.suppress(TypeError, ValueError):
             GriddedField(path, edges="clamped")
+
+
+# --- in space ---
+
+
+def sampled_in_space(points, edges, **quantities):
+    """Functions of positions on a regular grid of so many points a side over one period of `WAVES`."""
+    along = np.linspace(0.0, WAVES.period, points + (edges == "clamped"), endpoint=edges == "clamped")
+    place = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1)
+    over = {name: (("x", "y", "z"), function(place)) for name, function in quantities.items()}
+    return xr.Dataset(over, dict.fromkeys(("x", "y", "z"), along))
+
+
+WAVES = ABCFlow((0.3, 0.2, 0.1), 1.0)
+U = {f"u_{axis}": lambda r, i=i: WAVES.velocity(r)[..., i] for i, axis in enumerate("xyz")}
+
+
+@pytest.mark.parametrize("edges", ["periodic", "clamped"])
+def test_a_flow_on_a_grid_in_space_is_what_it_samples(xp, edges):
+    errors = []
+    for points in (12, 24):
+        flow = GriddedFlow(sampled_in_space(points, edges, **U), edges=edges, velocity=tuple(U))
+        place = np.random.default_rng(0).uniform(0, WAVES.period, (300, 3))
+        velocity, vorticity = (to_numpy(each(array(xp, place))) for each in (flow.velocity, flow.vorticity))
+        differences = velocity - WAVES.velocity(place), vorticity - WAVES.vorticity(place)
+        errors.append([np.abs(each).max() for each in differences])
+    orders = np.log2(np.divide(*errors))
+    assert (orders > [3.4, 2.4]).all(), (orders, errors)  # of fourth and of third order
+    assert np.linalg.norm(vorticity, axis=-1).max() <= 2 * flow.max_spin
+    assert flow.speed_scale <= flow.max_speed <= 1.2 * WAVES.max_speed
+    assert (flow.inside is None) == (edges == "periodic")
+
+
+def test_a_flow_on_a_grid_in_space_is_swum_within_tolerance():
+    flow = GriddedFlow(sampled_in_space(8, "periodic", **U), edges="periodic", velocity=tuple(U))
+    world = World.in_space(flow=flow, life=1.0)
+    state = world.start(*draw_starts(world, 6, 0))
+    after, _ = world.step(state, np.zeros(6, int))
+    expected = reference_in_space(state.pose, 5.5, 7.7, 2.0, world.intervals[0], flow)
+    np.testing.assert_allclose(place_and_frame(after), expected, rtol=0, atol=TOLERANCE)
+    assert world.box == ((0.0, pytest.approx(WAVES.period)),) * 3
+
+
+def test_vorticity_on_a_grid_is_taken_as_given_or_found_by_differences():
+    given = {f"w_{axis}": lambda r, i=i: 2 * WAVES.velocity(r)[..., i] for i, axis in enumerate("xyz")}
+    options = {"edges": "periodic", "interpolation": "linear", "velocity": tuple(U)}
+    place = WAVES.period / 16 * np.random.default_rng(1).integers(16, size=(40, 3))  # points of the grid
+    flow = GriddedFlow(sampled_in_space(16, "periodic", **U | given), vorticity=tuple(given), **options)
+    np.testing.assert_allclose(flow.vorticity(place), 2 * WAVES.velocity(place), atol=1e-12)
+    found = GriddedFlow(sampled_in_space(16, "periodic", **U), **options).vorticity(place)
+    np.testing.assert_allclose(found, WAVES.vorticity(place), atol=0.02)
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
+def test_a_field_on_a_grid_in_space_comes_from_a_file_and_ends_at_its_edges(tmp_path, interpolation):
+    egg = {"egg_position": (3.0, 3.0, 3.0), "egg_radius": 0.5}
+    path, plume = tmp_path / "plume.nc", GaussianPlume(width=2.0, **egg)
+    sampled_in_space(16, "clamped", c=plume.concentration).to_netcdf(path, engine="h5netcdf")
+    field = {"type": "gridded", "path": str(path), "edges": "clamped", "interpolation": interpolation, **egg}
+    world = World.in_space(field=field, life=2.0)
+    place = np.random.default_rng(0).uniform(1, 5, (50, 3))
+    allowed = {"linear": 0.06, "cubic": 2e-3}[interpolation]
+    np.testing.assert_allclose(world.field.concentration(place), plume.concentration(place), atol=allowed)
+    assert np.array_equal(world.field.inside(place + 9.0), np.zeros(50, bool))
+    policies = {"greedy": swarm.Greedy()}
+    gain = swarm.population_test(world, policies, cells=12, limit=False)["gain"].values
+    assert np.isfinite(gain).all()
+    assert World(**world.described()).described() == world.described()
+    data = sampled_in_space(5, "clamped", c=plume.concentration)
+    arrays = {name: each.values for name, each in data.variables.items()}
+    bare = GriddedField(arrays, edges="clamped", interpolation=interpolation)
+    np.testing.assert_allclose(bare.concentration(np.zeros((1, 3))), plume.concentration(np.zeros((1, 3))))
+
+
+PLANE, SPACE = sampled(FLOW, *places_of(8, "periodic")), sampled_in_space(5, "periodic", **U)
+
+
+@pytest.mark.parametrize(
+    ("data", "parameters", "message"),
+    [
+        (
+            PLANE,
+            {"velocity": ("u_x", "v_y")},
+            "variable must be one of spin, u_x, u_y, got 'v_y'; did you mean",
+        ),
+        (
+            PLANE,
+            {"velocity": "u_x"},
+            "velocity must be the names of two variables, or three in space, got 'u_x'",
+        ),
+        (PLANE["u_x"], {}, "data must be a Dataset with u_x, u_y, got a DataArray"),
+        (PLANE * 0, {}, r"speed_scale must be a finite number above 0, got 0\.0"),
+        (SPACE, {}, r"velocity must be the names of 3 variables, got \('u_x', 'u_y'\)"),
+        (SPACE, {"velocity": tuple(U), "spin": "u_x"}, "spin must be None in space"),
+        (SPACE, {"velocity": tuple(U), "vorticity": ("u_x",)}, "vorticity must be the names of three"),
+        (
+            SPACE,
+            {"velocity": tuple(U), "edges": ("periodic", "clamped")},
+            "edges must be given once, or for x and",
+        ),
+    ],
+)
+def test_a_flow_on_a_grid_must_be_whole(data, parameters, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        GriddedFlow(data, **{"edges": "periodic", **parameters})
+
+
+def test_a_grid_in_space_is_none_of_the_plane():
+    field = GriddedField(sampled_in_space(5, "clamped", c=lambda r: r[..., 0]), edges="clamped")
+    with pytest.raises(ValueError, match="field must be one in the plane"):
+        World(field=field)
+
+
+def test_a_grid_in_space_may_change():
+    data = sampled_in_space(5, "clamped", c=lambda r: r[..., 2])
+    data = xr.concat([data, 2 * data], xr.Variable("time", [0.0, 10.0]), data_vars="all")
+    field = GriddedField(data, edges="clamped", outside_time="held")
+    place = np.random.default_rng(0).uniform(0, 6, (9, 3))
+    np.testing.assert_allclose(field.at(5.0).concentration(place), 1.5 * place[:, 2], atol=1e-12)
+    assert field.max_rate == pytest.approx(WAVES.period / 10)
