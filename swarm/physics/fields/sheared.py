@@ -54,9 +54,7 @@ class ShearedSource(CoredEgg):
 
     coordinates = 2
 
-    @property
-    def _steady(self) -> bool:
-        return self.release == "steadily"
+    _steady = property(lambda self: self.release == "steadily")
 
     def covariance(self, age: Array) -> tuple[Array, Array, Array]:
         """Σ_xx, Σ_xy, Σ_yy (...) [length²] of what was released `age` (...) ago [time]."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from swarm._support.arrays import Array, moment, namespace
 from swarm._support.checks import (
@@ -50,7 +51,7 @@ class Source(Checked):
     distance: float = parameter(2.0, check_number, above=0.0)  # [length]
     offset: float = parameter(0.0, check_number)  # c_0, far away [concentration]
 
-    coordinates = 2
+    coordinates: ClassVar[Any] = 2
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -78,12 +79,10 @@ class Egg(Source):
     # a path that comes this close to r₀ has arrived; None: nothing ends there
     egg_radius: float | None = parameter(0.5, optional(check_number), above=0.0)
 
-    _steady = False  # it releases steadily, not all at once
+    _steady: ClassVar[Any] = False  # it releases steadily, not all at once
 
-    @property
-    def coordinates(self) -> int | None:
-        """In a film 2; in bulk fluid cells may swim in space too."""
-        return 2 if self.dimensions == 2 else None
+    # in bulk fluid cells may swim in space too
+    coordinates = property(lambda self: 2 if self.dimensions == 2 else None)
 
     def _typical_gradient(self) -> float:
         """|∇c| at `distance`, r: of what is released steadily in the end, Q/(2πDr), Q/(4πDr²); of a cloud

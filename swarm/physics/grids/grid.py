@@ -112,7 +112,7 @@ def read_grid(data: Any, names: Sequence[str] | None, reading: Reading, sha256: 
         if reading.fill is None:
             _raise_hole(list(arrays), values, known, lattice)
         values = _filled(values, reading.fill, lattice.spacing, lattice.periodic)
-    everywhere = known.all(axis=(0, 1)) if reading.fill == "inside" else np.ones(lattice.shape, bool)
+    everywhere = np.all(known, axis=(0, 1)) if reading.fill == "inside" else np.ones(lattice.shape, bool)
     whole = None if everywhere.all() else _whole_cells(everywhere, lattice.periodic)
     if whole is not None and not whole.any():
         raise ValueError(f"{', '.join(arrays)} must be finite at all corners of a grid cell, got none such")
