@@ -14,12 +14,13 @@ from benchmarks.exact_medium import EVERYWHERE, Puff, circles, lived, moving_sin
 from swarm.physics.crowd.medium import Medium, MediumState, check_medium
 from swarm.physics.crowd.mesh import Mesh
 from swarm.physics.fields import FunctionField, GaussianPlume, LinearField, RadialField
-from swarm.physics.flows import ShearFlow, StillWater, TaylorGreen, UniformFlow
+from swarm.physics.flows import OscillatingTaylorGreen, ShearFlow, StillWater, TaylorGreen, UniformFlow
 from swarm.physics.world import World
 from tests.reference import array, to_numpy
 
 BOX = ((0.0, 10.0), (0.0, 8.0))
 VORTICES = TaylorGreen(speed_scale=0.3, wavenumber=math.pi / 4)  # repeats in 8 × 8
+SWINGING = OscillatingTaylorGreen(0.3, math.pi / 4, phase=1.0, frequency=2.0)
 KINDS = [
     {},
     {"kernel": "linear", "edges": "noflux", "decay": 0.1},
@@ -45,20 +46,6 @@ class Rising:
         return (2 + position[..., 1] / 5) * (1 + self.time / 10)
 
 
-class Turning:
-    """Vortices whose strength oscillates."""
-
-    def __init__(self, time=0.0):
-        self.time = time
-
-    def at(self, time):
-        return Turning(time)
-
-    def velocity(self, position):
-        strength = 1 + 0.5 * self.time + 0 * position[..., 0]
-        return VORTICES.velocity(position) * strength[..., None]
-
-
 def medium_of(**kind):
     return Medium(**{"box": BOX, "shape": (20, 16), "uptake": 0.4, "thickness": 0.8, **kind})
 
@@ -74,7 +61,7 @@ def crowd(batch=(), cells=5, substeps=3):
 
 def decisions(medium, places, alive, duration=0.4, time=1.0, field=None, flow=None):
     """The state after two decisions at the same places."""
-    field, flow = field or Rising(), flow or Turning()
+    field, flow = field or Rising(), flow or SWINGING
     state = medium.start(field, places[0, ...])
     for i in range(2):
         state = medium.step(state, field.at, flow.at, places, duration, alive, time + i * duration)
@@ -144,7 +131,7 @@ def test_splitting_is_of_second_order(carried):
         box=((0, 8), (0, 8)), shape=(16, 16), uptake=0.5, secretion=0.4, decay=0.3, diffusivity=0.2,
         carried=carried,
     )  # fmt: skip
-    assert 1.9 < order_of(medium, Turning(), Rising()) < 2.2
+    assert 1.9 < order_of(medium, SWINGING, Rising()) < 2.2
 
 
 def test_the_error_of_a_moving_sink_falls_with_the_spacing():
@@ -359,7 +346,7 @@ def test_torch_compiles_a_decision_in_one_piece(kind):
     state = decisions(medium, places, alive, duration, duration)
 
     def step(state, places, duration, alive):
-        return medium.step(state, Rising().at, Turning().at, places, duration, alive, duration)
+        return medium.step(state, Rising().at, SWINGING.at, places, duration, alive, duration)
 
     compiled = torch.compile(step, fullgraph=True, dynamic=False)
     arguments = (state, places, duration, alive)

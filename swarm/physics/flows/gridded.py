@@ -12,8 +12,9 @@ from swarm._support.arrays import Array, join
 from swarm._support.checks import check_number
 from swarm.physics.flows.flow import FLOWS
 from swarm.physics.grids.axes import SPACING_TOLERANCE
-from swarm.physics.grids.grid import Grid, Reading, read_grid
+from swarm.physics.grids.grid import Reading, read_grid
 from swarm.physics.grids.interpolant import NEGLIGIBLE, Interpolant
+from swarm.physics.grids.spline import Lattice
 from swarm.physics.grids.units import check_units
 from swarm.physics.motion.arc import components
 
@@ -60,7 +61,8 @@ class GriddedFlow(Interpolant):
             raise ValueError(f"velocity must be the names of {axes} variables, got {velocity!r}")
         self.length_unit = check_units(grid.units, velocity, spin)
         self._differentiates = not given and interpolation == "cubic"
-        further = _central_turning(grid) if not given and interpolation == "linear" else []
+        found_here = not given and interpolation == "linear"
+        further = _turning(_central_slopes(grid.values[:axes], grid.lattice)) if found_here else []
         super().__init__(grid, shape, *further)
         at_points, *along = self.spline.at_points()
         turning = np.stack(_turning(along)) if self._differentiates else at_points[axes:]
@@ -147,17 +149,14 @@ def _speed_and_spin(axes: int, values: np.ndarray) -> np.ndarray:
     return np.stack([_size(values[:axes]), *turning])
 
 
-def _central_turning(grid: Grid) -> list[np.ndarray]:
-    """The spin (times, nx, ny), in space the vorticity's components, at the grid's points by central
-    differences, of second order at edges too."""
-
-    def slope(values: np.ndarray, axis: int) -> np.ndarray:
-        spacing, points = grid.lattice.spacing[axis], axis + 1
-        if grid.lattice.periodic[axis]:
-            return (np.roll(values, -1, points) - np.roll(values, 1, points)) / (2 * spacing)
-        order: Any = 2 if values.shape[points] > 2 else 1
-        return np.gradient(values, spacing, axis=points, edge_order=order)
-
-    axes = len(grid.lattice.shape)
-    curls = [slope(grid.values[b], a) - slope(grid.values[a], b) for a, b in CURLS[axes]]
-    return [0.5 * curls[0]] if axes == 2 else curls
+def _central_slopes(values: np.ndarray, lattice: Lattice) -> list[np.ndarray]:
+    """Derivatives of values (quantities, times, nx, ny[, nz]) along each axis, by central differences, of
+    second order at edges too."""
+    slopes = []
+    for axis, (spacing, again) in enumerate(zip(lattice.spacing, lattice.periodic, strict=True), 2):
+        if again:
+            slopes.append((np.roll(values, -1, axis) - np.roll(values, 1, axis)) / (2 * spacing))
+        else:
+            order: Any = 2 if values.shape[axis] > 2 else 1
+            slopes.append(np.gradient(values, spacing, axis=axis, edge_order=order))
+    return slopes
