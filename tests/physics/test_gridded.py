@@ -364,8 +364,8 @@ HOSTILE = {
     "text": (lambda path: with_c(path, dtype=h5py.string_dtype()), "c must hold real numbers, got object"),
     **{f"cut {length}": (partial(cut, length=length), r"my\.nc must be a") for length in (0, 8, 3000)},
     "nowhere": (lambda path: None, r"data must be a file that exists, got .*my\.nc"),
-    "folder": (Path.mkdir, "data must be an ordinary file"),
-    "pipe": (os.mkfifo, "data must be an ordinary file"),
+    "folder": (Path.mkdir, "must be an ordinary file"),
+    "pipe": (os.mkfifo, "must be an ordinary file"),
     "csv": (
         lambda path: path.write_text("x,y,c"),
         r"my\.nc must be a NetCDF-4 file; open others with xarray",

@@ -258,7 +258,7 @@ UNFIT = [
     ({"box": ((0, 8), (0, 8))}, {}, "box must contain the start box"),
     ({"leaving": "follow"}, {}, "box must be at least twice as wide as the start box"),
     ({"shape": (32, 64)}, {}, "shape must put nodes at most 0.2 apart, the radius of the tightest"),
-    ({"shape": (100_000, 64)}, {}, "shape must be so coarse that 1000 substeps"),
+    ({"shape": (4000, 64)}, {"interval": 3.0}, "shape must be so coarse that 1000 substeps"),
     ({"uptake": 1.0}, {"field": LinearField(offset=-3.0)}, "uptake must be 0 where the field is negative"),
     ({}, {"field": FunctionField(lambda p: np.log(p[..., 0] - 1), 1.0)}, "box must lie where the field is"),
     ({"carried": True, "substeps": 1}, {"flow": TaylorGreen(3.0)}, "substeps must be at least"),
@@ -280,13 +280,13 @@ UNFIT = [
             {"curvature": 0.1},
             "at most 0.153846 apart, the radius of the tightest circle",
         ),
-        ({"shape": (19_000, 128)}, {"speed": 0.3}, "so coarse that 1000 substeps of a decision are enough"),
+        ({"shape": (9000, 128)}, {"speed": 0.3}, "so coarse that 1000 substeps of a decision are enough"),
     ],
 )
 def test_a_medium_must_suit_the_fastest_and_the_tightest_of_unlike_cells(given, spread, rule):
-    World(medium=given)
+    World(medium=given, n_records=2)
     with pytest.raises(ValueError, match=rf"^medium.shape must .*{rule}.*, got"):
-        World(medium=given, spread=spread)
+        World(medium=given, n_records=2, spread=spread)
 
 
 @pytest.mark.parametrize(("kind", "parts", "message"), UNFIT, ids=named)

@@ -74,11 +74,11 @@ def check(
     `interval`, `speed` and `curvature` are the longest, highest and tightest of the world's cells. Warns
     where what is carried meets itself at the edges.
     """
-    substeps(medium, flow, speed, interval)
-    _check_box(medium, start_box)
     rows, columns = medium.shape  # a matrix spreads along each axis, with waves and slopes
     needed = 8.0 * (8 * rows * columns + 5 * (rows**2 + columns**2))
     check_memory(needed, f"medium.shape must be of nodes that fit into memory, got {medium.shape}")
+    substeps(medium, flow, speed, interval)
+    _check_box(medium, start_box)
     widest = max(medium.mesh.spacing)
     if widest > 1 / curvature:
         rule = f"shape must put nodes at most {1 / curvature:g} apart, the radius of the tightest circle"

@@ -30,8 +30,6 @@ def checksum(path: str | os.PathLike) -> str:
     file = files.expanded(path)
     if not file.exists():
         raise FileNotFoundError(f"data must be a file that exists, got {file}")
-    if not file.is_file():
-        raise ValueError(f"data must be an ordinary file, got {file}")
     files.check_ordinary(file, at_most=MAX_FILE)
     with file.open("rb") as opened:
         return hashlib.file_digest(opened, "sha256").hexdigest()
