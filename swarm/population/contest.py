@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -16,8 +17,8 @@ from swarm.policies.policy import AnyPolicy, check_policy, fingerprint
 from swarm.policies.strategies import Greedy
 from swarm.population.blocks.block import PopulationTest, Record, blocks_of, each_lived, memory_needed
 from swarm.population.blocks.storage import Storage, joined
-from swarm.population.blocks.tally import Tally, limit_of, merged, statistics_of, tally
 from swarm.population.results import RIVAL, origin
+from swarm.population.statistics import Tally, tally
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -126,8 +127,8 @@ def _in_file(
 
 def _attributes(test: PopulationTest, tallies: Sequence[Tally]) -> dict[str, Any]:
     """What the results of a population test say of it."""
-    whole = merged(tallies)
-    limit = limit_of(whole)
+    whole = functools.reduce(Tally.merged, tallies)
+    limit = whole.limit
     about: dict[str, Any] = {
         "title": "Population test: the same starts for every policy",
         "population": test.population,
@@ -136,7 +137,7 @@ def _attributes(test: PopulationTest, tallies: Sequence[Tally]) -> dict[str, Any
         **({} if limit is None else {"limit": limit}),
     }
     if len(tallies) > 1 or test.record == "statistics":
-        found = {"cells": whole.gain.number, "policies": statistics_of(whole, list(test.policies))}
+        found = {"cells": whole.cells.number, "policies": whole.statistics(list(test.policies), limit)}
         about |= {"block": streams.BLOCK, "blocks": len(tallies), "statistics": json.dumps(found)}
     return about
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -17,13 +17,14 @@ import numpy as np
 
 from swarm._support import streams
 from swarm.optimal.physical_limit import Bounds
+from swarm.optimal.problem import Progress, part_of
 from swarm.physics.starts import NOISE_BLOCK, Starts, cells_of, draw_worlds
 from swarm.physics.world import State, World
 from swarm.policies.policy import AnyPolicy
-from swarm.population.blocks.tally import Tally, tally
 from swarm.population.frames import Frames
 from swarm.population.results import LIVES, SERIES, STARTS, as_dataset, columns_of, origin
 from swarm.population.rollout import Moment, rollout, started
+from swarm.population.statistics import Tally, tally
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -88,7 +89,7 @@ def blocks_of(test: PopulationTest) -> list[Block]:
 
 
 def lived(
-    test: PopulationTest, block: Block, progress: Callable[[float], None] | None = None
+    test: PopulationTest, block: Block, progress: Progress | None = None
 ) -> tuple[Tally, xr.Dataset | None]:
     """The lives of a block: their tally and, unless only `statistics` are recorded, their results; `progress`
     is called with the part that is over.
@@ -105,8 +106,7 @@ def lived(
     lives_of = functools.partial(lives, world, starts=starts, seed=test.seed, every=test.every, state=state)
     found = {}
     for number, (name, policy) in enumerate(test.policies.items()):
-        share = 1 / len(test.policies)
-        tell = progress and functools.partial(_tell, progress, number * share, share)
+        tell = part_of(progress, number / len(test.policies), (number + 1) / len(test.policies))
         own: dict[str, Any] = {"frames": block.number == 0, "progress": tell, **which}
         found[name] = lives_of(policy, name=name, record=record, **own)
     divided = len(blocks_of(test)) > 1
@@ -119,16 +119,11 @@ def lived(
     return summed, None if test.record == "statistics" else results
 
 
-def _tell(progress: Callable[[float], None], before: float, share: float, part: float) -> None:
-    """Progress of what is a share of the whole as progress of the whole."""
-    progress(before + share * part)
-
-
 def each_lived(
     test: PopulationTest,
     blocks: Sequence[Block],
     executor: Executor | None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Iterator[tuple[Block, Tally, xr.Dataset | None]]:
     """Blocks as they are done, here or by an executor, which says how many `workers` it has; no more than
     twice as many are under way or waited for. `progress` is called with the part of all cells that is over.
@@ -139,7 +134,7 @@ def each_lived(
     done = cells - sum(sizes.values())
     if executor is None:
         for block in blocks:
-            tell = progress and functools.partial(_tell, progress, done / cells, sizes[block] / cells)
+            tell = part_of(progress, done / cells, (done + sizes[block]) / cells)
             yield block, *lived(test, block, tell)
             done += sizes[block]
         return
@@ -209,7 +204,7 @@ def lives(
     every: int = 1,
     frames: bool = True,
     state: State | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, np.ndarray]:
     """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...) of
     so many decisions one; with several worlds (worlds, cells) stands for (cells); `frames` (frames, ...) of a
