@@ -5,13 +5,14 @@ from __future__ import annotations
 import functools
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, get_args
 
 from swarm._support import streams
 from swarm._support.checks import check_count, check_memory, check_name
 from swarm.optimal import physical_limit
+from swarm.optimal.problem import Progress
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy, check_policy, fingerprint
 from swarm.policies.strategies import Greedy
@@ -22,8 +23,6 @@ from swarm.population.statistics import Tally, tally
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Progress = Callable[[float], None]
 
 
 def population_test(
@@ -111,17 +110,16 @@ def _in_file(
             storage.write(block.number, part)
             tallies[block.number] = found
 
-        def parts() -> Any:
+        def parts() -> Iterator[xr.Dataset]:
             for block in blocks:
                 part = storage.part(block.number)
                 if block.number not in tallies:
                     tallies[block.number] = tally(part, test.bounds, coupled=test.world.is_shared)
                 yield part
 
-        def attributes() -> dict[str, Any]:
-            return _attributes(test, [tallies[block.number] for block in blocks])
-
-        storage.join(parts(), test.sizes, attributes)
+        storage.join(
+            parts(), test.sizes, lambda: _attributes(test, [tallies[each.number] for each in blocks])
+        )
     return storage.opened()
 
 
@@ -159,8 +157,7 @@ def _identity(test: PopulationTest) -> dict[str, Any]:
 
 
 def _with_rival(policies: Mapping[str, AnyPolicy]) -> dict[str, AnyPolicy]:
-    named: Mapping[Any, Any] = policies
-    for name, policy in named.items():
+    for name, policy in policies.items():
         if not isinstance(name, str) or not name:
             raise TypeError(f"policies must be named by text, got {name!r}")
         check_policy(name, policy)
