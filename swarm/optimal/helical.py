@@ -164,10 +164,7 @@ def _splines(
     ticks = tuple(sum(problem.ticks[action] for action in each) for each in sequences)
     blocks = dataclasses.replace(problem, ticks=ticks)
     decisions = functools.partial(_Decisions, problem, sphere, sequences)
-    for row, spline in enumerate(backward(blocks, decisions, np.zeros(sphere.size), sphere.spline)):
-        yield spline
-        if progress is not None:
-            progress((row + 1) / len(blocks.times))
+    return backward(blocks, decisions, np.zeros(sphere.size), sphere.spline, progress)
 
 
 def seen_gradient(pose: Pose) -> np.ndarray:

@@ -21,12 +21,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from swarm.optimal.problem import CUBIC, Problem, Progress, heading_angle, lagrange
+from swarm.optimal.problem import backward as problem_backward
 from swarm.physics.motion.arc import Pose, centre_of_curvature
 from swarm.physics.motion.collocation import swim
 
@@ -118,38 +119,21 @@ def backward(
     With `monotone` no reading exceeds the values it lies between: less exact, but no steep front overshoots.
     """
     damp = _damping(grid)
-    whole: dict[int, _Decision] = {}  # by action
-    recent = {0: (0.0, (-np.cos(grid.points[0]) / grid.curvature).astype(np.float32))}
-    yield recent[0]
-    times = problem.times.tolist()[1:]
-    for done, left in enumerate(times):
-        steps = []
-        for action, ticks in enumerate(problem.ticks):
-            cut = problem.duration(action, left) < ticks * problem.tick
-            step = None if cut else whole.get(action)
-            step = _Decision(problem, grid, action, left, monotone) if step is None else step
-            if not cut:
-                whole[action] = step
-            steps.append(step)
-        later = [recent[max(left - ticks, 0)] for ticks in problem.ticks]
-        base = later[0][0]
-        values = steps[0].before(later[0][1])
-        for step, (mean, rest) in zip(steps[1:], later[1:], strict=True):
-            np.maximum(values, step.before(rest) + np.float32(mean - base), out=values)
-        values = damp @ values
-        mean = float(values.mean(dtype=np.float64))
-        recent[left] = (base + mean, values - np.float32(mean))
-        for old in [time for time in recent if time and time < left - max(problem.ticks)]:
-            del recent[old]
-        yield recent[left]
-        if progress is not None:
-            progress((done + 1) / len(times))
+
+    def kept(values: np.ndarray) -> tuple[float, np.ndarray]:
+        mean = values.mean()
+        rest = damp @ (values - mean).astype(np.float32)
+        more = rest.mean(dtype=np.float64)
+        return float(mean + more), rest - np.float32(more)
+
+    last = 0.0, (-np.cos(grid.points[0]) / grid.curvature).astype(np.float32)
+    return problem_backward(problem, partial(_Decision, problem, grid, monotone), last, kept, progress)
 
 
 class _Decision:
     """What one decision does to a table: the readings along θ, Y and X, and how far the centre rises."""
 
-    def __init__(self, problem: Problem, grid: Grid, action: int, left: int, monotone: bool) -> None:
+    def __init__(self, problem: Problem, grid: Grid, monotone: bool, action: int, left: int) -> None:
         speed, duration = problem.speeds[action], float(problem.duration(action, left))
         motion = _Motion(grid, problem, problem.curvatures[action], speed, duration)
         starts = range(0, len(grid.points[0]), CHUNK)
@@ -161,15 +145,16 @@ class _Decision:
         columns = [matrix.indices.reshape(-1, len(NODES))[:, 1:-1] for matrix in self.readings]
         self.between = [np.ascontiguousarray(part.T) for part in columns] if monotone else []
 
-    def before(self, values: np.ndarray) -> np.ndarray:
-        """What is still to come (points,) before the decision, from `values` (points,) after it."""
+    def before(self, later: tuple[float, np.ndarray]) -> np.ndarray:
+        """What is still to come (points,) before it, from mean and rest (points,) of what is after it."""
+        mean, values = later
         for axis, matrix in enumerate(self.readings):
             read = matrix @ values
             if self.between and axis > 0:  # in place; headings carry no fronts
                 near = [values[index] for index in self.between[axis]]
                 np.clip(read, np.minimum.reduce(near), np.maximum.reduce(near), out=read)
             values = read
-        return values + self.rise
+        return np.float64(mean) + (values + self.rise)
 
 
 @dataclass(frozen=True)

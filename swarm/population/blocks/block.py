@@ -7,7 +7,6 @@ however often.
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
@@ -19,11 +18,11 @@ from swarm._support import streams
 from swarm.optimal.physical_limit import Bounds
 from swarm.optimal.problem import Progress, part_of
 from swarm.physics.starts import NOISE_BLOCK, Starts, cells_of, draw_worlds
-from swarm.physics.world import State, World
+from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy
 from swarm.population.frames import Frames
 from swarm.population.results import LIVES, SERIES, STARTS, as_dataset, columns_of, origin
-from swarm.population.rollout import Moment, rollout, started
+from swarm.population.rollout import Moment, rollout
 from swarm.population.statistics import Tally, tally
 
 if TYPE_CHECKING:
@@ -101,14 +100,11 @@ def lived(
     starts = draw_worlds(world, block.cells, test.seed, episodes, **which)
     if test.worlds == 1:
         starts = type(starts)(*(part[0] for part in starts))
-    which["episode"] = episode
-    state = started(world, starts, test.seed, **which)
-    lives_of = functools.partial(lives, world, starts=starts, seed=test.seed, every=test.every, state=state)
+    which |= {"episode": episode, "record": record, "every": test.every, "frames": block.number == 0}
     found = {}
     for number, (name, policy) in enumerate(test.policies.items()):
         tell = part_of(progress, number / len(test.policies), (number + 1) / len(test.policies))
-        own: dict[str, Any] = {"frames": block.number == 0, "progress": tell, **which}
-        found[name] = lives_of(policy, name=name, record=record, **own)
+        found[name] = lives(world, policy, starts, test.seed, name=name, progress=tell, **which)
     divided = len(blocks_of(test)) > 1
     places = {"every": test.every, "world": block.world, "cell": block.cell}
     indexed = test.has_series or not divided
@@ -203,7 +199,6 @@ def lives(
     record: bool = False,
     every: int = 1,
     frames: bool = True,
-    state: State | None = None,
     progress: Progress | None = None,
 ) -> dict[str, np.ndarray]:
     """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...) of
@@ -215,8 +210,8 @@ def lives(
     arrived = np.zeros(cells, bool)
     decisions = np.zeros(cells, np.int32)
     gain = maximal = np.zeros(cells)
-    which: Any = {"population": population, "episode": episode, "first": first, "state": state}
-    for number, moment in enumerate(rollout(world, policy, starts, seed, **which)):
+    moments = rollout(world, policy, starts, seed, population=population, episode=episode, first=first)
+    for number, moment in enumerate(moments):
         if progress is not None:
             progress(number / world.max_decisions)
         if record and number % every == 0:
