@@ -28,6 +28,7 @@ from swarm.physics.starts import draw_worlds
 from swarm.physics.world import State, World
 from swarm.physics.world.rules import in_units
 from swarm.policies.policy import AnyPolicy, begin, check_policy, decide, is_continuous
+from swarm.population.blocks.block import worlds_at_once
 from swarm.population.results import labels, origin
 from swarm.population.rollout import rollout
 from swarm.population.statistics import share_interval
@@ -74,7 +75,7 @@ def contest(
     seed = streams.check_seed(seed)
     check_memory(KEPT * cells * worlds, f"cells × worlds must be fewer, got {cells} × {worlds}")
     steered_by = first.steered_by[(np.arange(cells) + np.arange(worlds)[:, None]) % cells]
-    episodes, most = np.arange(worlds) // turn, max(1, streams.BLOCK // cells)
+    episodes, most = np.arange(worlds) // turn, worlds_at_once(world, cells)
     parts = []
     for at in range(0, worlds, most):
         some = slice(at, min(at + most, worlds))

@@ -173,8 +173,8 @@ def _summary(results: xr.Dataset, numbers: dict[str, dict[str, Any]], label: str
     if any(row["arrived"] for row in numbers.values()):
         came = arrivals(results)
         for of_policy, name in ((summary, label), (summary["greedy"], RIVAL)):
-            of_policy["arrived"] = came[name].pop("arrived")
-            of_policy["time_to_egg"] = {key: time for key, time in came[name].items() if time == time} or None
+            times = {key: came[name][key] for key in ("mean", "median") if came[name][key] == came[name][key]}
+            of_policy |= {"arrived": came[name]["arrived"], "time_to_egg": times or None}
     if "block" in results.attrs:
         summary |= {name: int(results.attrs[name]) for name in ("block", "blocks")}
         summary["quantiles"] = numbers[label]["quantiles"]

@@ -80,6 +80,12 @@ def test_worlds_are_divided_as_worlds(world):
 
 
 def test_cells_that_matter_to_each_other_are_never_parted():
+    eating = World(medium={"box": ((-9, 9), (-9, 9)), "shape": (128, 128)}, start_box=((0, 1), (0, 1)))
+    assert [each.worlds for each in blocks_of(PopulationTest(eating, {}, 2, 3, 0))] == [
+        1,
+        1,
+        1,
+    ]  # for its grid
     crowd = World(life=2.0, first_arrivals=1, field="radial")
     assert [each.cells for each in blocks_of(PopulationTest(crowd, {}, 200, 2, 0))] == [200, 200]
 

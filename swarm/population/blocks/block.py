@@ -8,6 +8,7 @@ however often.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 Record = Literal["statistics", "ends", "thinned", "all"]
 PROCESS, LIVING = 1.5e8, 1000.0  # [bytes] of a process, and of a living cell, measured
+NODES = 20  # of a medium, that take as much memory as a living cell
 THINNED = 48  # moments of a thinned series, at most
 
 
@@ -76,7 +78,7 @@ class Block(NamedTuple):
 def blocks_of(test: PopulationTest) -> list[Block]:
     """The blocks of a test, in the order in which they are merged."""
     if test.cells <= streams.BLOCK or test.world.is_shared:
-        most = max(1, streams.BLOCK // test.cells)
+        most = worlds_at_once(test.world, test.cells)
         places = [(at, min(most, test.worlds - at), 0, test.cells) for at in range(0, test.worlds, most)]
     else:
         places = [
@@ -87,20 +89,26 @@ def blocks_of(test: PopulationTest) -> list[Block]:
     return [Block(number, *place) for number, place in enumerate(places)]
 
 
+def worlds_at_once(world: World, cells: int) -> int:
+    """How many worlds of so many cells are lived together."""
+    nodes = 0 if world.medium is None else math.prod(world.medium.shape)
+    return max(1, streams.BLOCK // (cells + nodes // NODES))
+
+
 def lived(
     test: PopulationTest, block: Block, progress: Progress | None = None
 ) -> tuple[Tally, xr.Dataset | None]:
     """The lives of a block: their tally and, unless only `statistics` are recorded, their results; `progress`
     is called with the part that is over.
     """
-    world, record = test.world, test.has_series
-    episode = test.episode + block.world
+    world, episode = test.world, test.episode + block.world
     which: dict[str, Any] = {"population": test.population, "first": block.cell}
     episodes = range(episode, episode + block.worlds)
     starts = draw_worlds(world, block.cells, test.seed, episodes, **which)
     if test.worlds == 1:
         starts = type(starts)(*(part[0] for part in starts))
-    which |= {"episode": episode, "record": record, "every": test.every, "frames": block.number == 0}
+    which |= {"episode": episode, "record": test.has_series, "every": test.every}
+    which["frames"] = block.number == 0
     found = {}
     for number, (name, policy) in enumerate(test.policies.items()):
         tell = part_of(progress, number / len(test.policies), (number + 1) / len(test.policies))
