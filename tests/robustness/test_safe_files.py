@@ -24,6 +24,7 @@ from swarm.physics.world import World
 from swarm.policies.policy_file import PolicyError
 from swarm.population.contest import population_test
 from swarm.population.results import save_population
+from tests.policies.test_network import Canary
 from tests.short_runs import short_settings, start, whole
 from trainers import cli
 from trainers.training import checkpoint as checkpoints
@@ -39,13 +40,6 @@ SETTINGS = short_settings(learning={"epochs": 2})
 def elsewhere(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)
-
-
-class Canary:
-    """Makes a file when it is unpickled."""
-
-    def __reduce__(self):
-        return Path.touch, (Path("canary"),)
 
 
 def sings(data):
