@@ -19,7 +19,7 @@ leaves all longer ones alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -29,7 +29,6 @@ import numpy as np
 from swarm.optimal.problem import CUBIC, Problem, Progress, heading_angle, lagrange
 from swarm.optimal.problem import backward as problem_backward
 from swarm.physics.motion.arc import Pose, centre_of_curvature
-from swarm.physics.motion.collocation import swim
 
 NODES = np.arange(-2, 3)  # the neighbours that a reading goes through while it builds a table
 DAMPING = 0.2  # of the shortest wave, per decision
@@ -134,11 +133,10 @@ class _Decision:
     """What one decision does to a table: the readings along θ, Y and X, and how far the centre rises."""
 
     def __init__(self, problem: Problem, grid: Grid, monotone: bool, action: int, left: int) -> None:
-        speed, duration = problem.speeds[action], float(problem.duration(action, left))
-        motion = _Motion(grid, problem, problem.curvatures[action], speed, duration)
+        moved = partial(_moved, problem, grid, action, float(problem.duration(action, left)))
         starts = range(0, len(grid.points[0]), CHUNK)
         chunks = ([part[first : first + CHUNK] for part in grid.points] for first in starts)
-        parts = [motion.offsets(*chunk) for chunk in chunks]
+        parts = [_offsets(moved, grid.spacing, *chunk) for chunk in chunks]
         theta, x, y, rise = (np.concatenate(part) for part in zip(*parts, strict=True))
         self.rise = rise.astype(np.float32)
         self.readings = [_reading(grid, axis, offset) for axis, offset in ((0, theta), (2, y), (1, x))]
@@ -157,49 +155,50 @@ class _Decision:
         return np.float64(mean) + (values + self.rise)
 
 
-@dataclass(frozen=True)
-class _Motion:
-    """Where a decision takes the cells of a grid."""
+def _moved(
+    problem: Problem,
+    grid: Grid,
+    action: int,
+    duration: float,
+    theta: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+) -> tuple[np.ndarray, ...]:
+    """How far θ [rad], X and Y [length] of cells there move."""
+    curvature, speed = problem.curvatures[action], problem.speeds[action]
+    end = problem.moved(grid.pose(*places), action, np.full(theta.shape, duration))
+    centre = centre_of_curvature(end, np.asarray(grid.curvature))
+    turn = curvature * speed * duration
+    by_flow = (heading_angle(end) - theta - turn + np.pi) % (2 * np.pi) - np.pi
+    return turn + by_flow, centre[..., 0] - x, centre[..., 1] - y
 
-    grid: Grid
-    problem: Problem
-    curvature: float
-    speed: float
-    duration: float
 
-    def moved(self, theta: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
-        """How far θ [rad], X and Y [length] of cells there move."""
-        start = self.grid.pose(theta, x, y)
-        same = np.ones(theta.shape)
-        end = swim(start, self.curvature * same, self.speed * same, self.duration * same, self.problem.flow)
-        centre = centre_of_curvature(end, np.asarray(self.grid.curvature))
-        turn = self.curvature * self.speed * self.duration
-        by_flow = (heading_angle(end) - theta - turn + np.pi) % (2 * np.pi) - np.pi
-        return turn + by_flow, centre[..., 0] - x, centre[..., 1] - y
+def _offsets(
+    moved: Callable[..., tuple[np.ndarray, ...]],
+    step: tuple[float, float, float],
+    theta: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+) -> tuple[np.ndarray, ...]:
+    """Where to read, in steps from each point: along θ, X and Y; and how far a cell there rises [length].
 
-    def offsets(self, theta: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Where to read, in steps from each point: along θ, X and Y; and how far a cell there rises [length].
-
-        X is read where a cell from the point ends; Y where one does that ends at the point's X; θ where one
-        does that ends at the point's X and Y.
-        """
-        step = self.grid.spacing
-        _, along_x, rise = self.moved(theta, x, y)
-        from_x, shift = x - along_x, along_x
-        for _ in range(INVERSE_STEPS):
-            _, shift, along_y = self.moved(theta, from_x, y)
-            settled = np.abs(x - shift - from_x).max() < SETTLED
-            from_x = x - shift
-            if settled:
-                break
-        from_y = y - along_y
-        for _ in range(INVERSE_STEPS):
-            turn, shift, rest = self.moved(theta, from_x, from_y)
-            settled = max(np.abs(x - shift - from_x).max(), np.abs(y - rest - from_y).max()) < SETTLED
-            from_x, from_y = x - shift, y - rest
-            if settled:
-                break
-        return turn / step[0], along_x / step[1], along_y / step[2], rise
+    X is read where a cell from the point ends; Y where one does that ends at the point's X; θ where one does
+    that ends at the point's X and Y.
+    """
+    _, along_x, rise = moved(theta, x, y)
+    from_x = x - along_x
+    for _ in range(INVERSE_STEPS):
+        before, (_, shift, along_y) = from_x, moved(theta, from_x, y)
+        from_x = x - shift
+        if np.abs(from_x - before).max() < SETTLED:
+            break
+    from_y = y - along_y
+    for _ in range(INVERSE_STEPS):
+        before, (turn, shift, rest) = (from_x, from_y), moved(theta, from_x, from_y)
+        from_x, from_y = x - shift, y - rest
+        if max(np.abs(from_x - before[0]).max(), np.abs(from_y - before[1]).max()) < SETTLED:
+            break
+    return turn / step[0], along_x / step[1], along_y / step[2], rise
 
 
 def _reading(grid: Grid, axis: int, offset: np.ndarray) -> Any:

@@ -180,12 +180,7 @@ CHECKS = {
     "make": check_make,
     "pip": check_pip,
     "python": check_python,
-    "pytest": lambda words: None,
-    "mkdocs": lambda words: None,
-    "git": lambda words: None,
-    "cd": lambda words: None,
-    "export": lambda words: None,
-    ".": lambda words: None,
+    **dict.fromkeys(("pytest", "mkdocs", "git", "cd", "export", "."), lambda words: None),
 }
 
 
