@@ -31,16 +31,13 @@ class Told:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """As a stream does."""
         self._try("write", text)
         return len(text)
 
     def flush(self) -> None:
-        """As a stream does."""
         self._try("flush")
 
     def isatty(self) -> bool:
-        """As a stream does."""
         return self._stream is not None and self._stream.isatty()
 
     def _try(self, do: str, *arguments: Any) -> None:
@@ -131,7 +128,6 @@ class TimeLeft(progress.ProgressColumn):
     """The time that is left if the work goes on as until now; nothing where nothing can be told yet."""
 
     def render(self, task: progress.Task) -> Text:
-        """As it is shown."""
         left = None if task.finished else task.time_remaining
         return Text("" if left is None else f"about {duration(left)} left")
 

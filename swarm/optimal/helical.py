@@ -45,7 +45,6 @@ class Sphere:
 
     @property
     def size(self) -> int:
-        """Number of directions."""
         return 2 * self.angles**2
 
     @cached_property
@@ -184,12 +183,10 @@ class HelicalLimit:
 
     @classmethod
     def shapes(cls, problem: Problem, spheres: Spheres) -> dict[str, tuple[type, tuple[int, ...]]]:
-        """Type and shape of every tensor."""
         return {f"{n} angles": (np.float64, (sphere_of(problem, n).size,)) for n in spheres}
 
     @classmethod
     def compute(cls, problem: Problem, spheres: Spheres, progress: Progress | None = None) -> HelicalLimit:
-        """The limit on all the spheres."""
         tensors, sizes = {}, [sphere_of(problem, n).size for n in spheres]
         for i, (n, name) in enumerate(zip(spheres, cls.shapes(problem, spheres), strict=True)):
             low, high = (sum(sizes[:end]) / sum(sizes) for end in (i, i + 1))

@@ -66,7 +66,6 @@ class Problem:
         return helix(kappa, tau, speed, duration)
 
     def moved(self, pose: Pose, action: int, duration: np.ndarray) -> Pose:
-        """The pose after a time (cells,) with `action`."""
         if self.torsions is not None:
             return along_helix(pose, self.screw(action, duration))
         same = np.ones(duration.shape)

@@ -156,15 +156,10 @@ class _Decision:
 
 
 def _moved(
-    problem: Problem,
-    grid: Grid,
-    action: int,
-    duration: float,
-    theta: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
+    problem: Problem, grid: Grid, action: int, duration: float, *places: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """How far θ [rad], X and Y [length] of cells there move."""
+    """How far θ [rad], X and Y [length] of cells there, their `places`, move."""
+    theta, x, y = places
     curvature, speed = problem.curvatures[action], problem.speeds[action]
     end = problem.moved(grid.pose(*places), action, np.full(theta.shape, duration))
     centre = centre_of_curvature(end, np.asarray(grid.curvature))

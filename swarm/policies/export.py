@@ -134,7 +134,6 @@ def _c(network: Network, name: str) -> bytes:
 
 
 def _act_in_c(network: Network, name: str) -> list[str]:
-    """The function that chooses."""
     if network.curvature_range is not None:
         middle, half = _middle_and_half(network)
         return [
@@ -227,7 +226,6 @@ def _onnx(network: Network, name: str) -> bytes:
 
 
 def _identifier(text: str) -> str:
-    """A name that C takes."""
     name = re.sub(r"\W", "_", text, flags=re.ASCII) or "policy"
     return f"policy_{name}" if name[0].isdigit() else name
 

@@ -124,7 +124,6 @@ def _in_file(
 
 
 def _attributes(test: PopulationTest, tallies: Sequence[Tally]) -> dict[str, Any]:
-    """What the results of a population test say of it."""
     whole = functools.reduce(Tally.merged, tallies)
     limit = whole.limit
     about: dict[str, Any] = {

@@ -71,7 +71,6 @@ class Moments(NamedTuple):
         return cls(values.shape[-1], mean, squares, values.min(axis=-1), values.max(axis=-1))
 
     def merged(self, other: Moments) -> Moments:
-        """With those of further numbers."""
         number, step = self.number + other.number, other.mean - self.mean
         return Moments(
             number,
@@ -143,7 +142,6 @@ class Tally(NamedTuple):
 
 
 def tally(results: xr.Dataset, bounds: Bounds | None, *, coupled: bool) -> Tally:
-    """The tally of a part's results."""
     gains = results["gain"].transpose("policy", ..., "cell").values  # (policies, [worlds,] cells)
     both = np.stack([gains, gains - gains[results["policy"].values.tolist().index(RIVAL)]])
     both = both.reshape(2, len(gains), -1, gains.shape[-1])

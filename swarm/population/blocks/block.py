@@ -55,12 +55,10 @@ class PopulationTest(NamedTuple):
 
     @property
     def has_series(self) -> bool:
-        """Whether the course of lives is recorded."""
         return self.record in ("thinned", "all")
 
     @property
     def sizes(self) -> dict[str, int]:
-        """Of the whole results."""
         moments = -(-(self.world.max_decisions + 1) // self.every)
         return {"world": self.worlds, "cell": self.cells, "decision": moments}
 
