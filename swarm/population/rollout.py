@@ -1,7 +1,7 @@
 """The rollout: a population's life under one policy, decision by decision."""
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,11 +36,14 @@ def rollout(
     several worlds, one for each episode from `episode` on, or of the episodes (worlds,) given; cells may be
     those of a larger population from the `first` on.
     """
-    cells, where = cells_of(starts), {"population": population, "first": first}
+    cells = cells_of(starts)
+    where: dict[str, Any] = {"population": population, "first": first}
     episodes = np.asarray(episode)
     if not episodes.ndim:
         episodes = episode + np.arange(cells[0] if len(cells) > 1 else 1)
-    noise = [draw_record_noise(world, cells[-1], seed, episode=each, **where) for each in episodes.tolist()]
+    noise: Any = [
+        draw_record_noise(world, cells[-1], seed, episode=each, **where) for each in episodes.tolist()
+    ]
     state = world.start(*starts, noise=None if noise[0] is None else np.reshape(noise, (*cells, -1)))
 
     def drawn(draw: Callable[..., np.ndarray], wanted: bool) -> Callable[[int], np.ndarray | None]:

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import torch
@@ -26,8 +27,8 @@ class Validation:
         self, world: World, cells: int, seeds: list[int], device: str | None = None, *, worlds: int = 1
     ) -> None:
         self.world, self.cells, self.worlds, self.seeds = world, cells, worlds, seeds
-        words = {"n_swimmers": cells, "seeds": seeds, "population": "validation", "world": world}
-        self.env = SwarmEnv(worlds * len(seeds), device, **words)
+        words: dict[str, Any] = {"n_swimmers": cells, "seeds": seeds, "population": "validation"}
+        self.env = SwarmEnv(worlds * len(seeds), device, world=world, **words)
 
     @functools.cached_property
     def limits(self) -> np.ndarray | None:
@@ -41,8 +42,9 @@ class Validation:
     def greedy(self) -> np.ndarray:
         """Mean gain (seeds,) of each seed's cells under greedy."""
         gain = np.empty((len(self.seeds), self.worlds, self.cells))
+        which: dict[str, Any] = {"population": "validation"}
         for (place, number), _ in np.ndenumerate(gain[..., 0]):
-            seed, which = self.seeds[place], {"population": "validation", "first": number * self.cells}
+            seed, which["first"] = self.seeds[place], number * self.cells
             starts = draw_starts(self.world, self.cells, seed, **which)
             gain[place, number] = lives(self.world, Greedy(), starts, seed, name=RIVAL, **which)["gain"]
         return gain.reshape(len(gain), -1).mean(axis=1)
