@@ -214,24 +214,23 @@ def mean_interval(sample: np.ndarray) -> list[float] | None:
     return None if half is None else [float(np.mean(sample) - half), float(np.mean(sample) + half)]
 
 
-def margin(*samples: np.ndarray, weights: Sequence[float] = (1.0,), shared_cells: bool = True) -> Any:
+def margin(*samples: np.ndarray, weights: Sequence[float] = (1.0,)) -> Any:
     """Half the width (...) of the 95% interval of the weighted sum of the samples' means.
 
     Samples are (..., seeds, cells), or (cells,) of one policy. Each has seeds of its own; the cells are the
-    same for all of them, or each sample has its own (`shared_cells=False`). With one seed only cells vary:
-    that is all there is to a strategy, but says nothing of other trainings. None for a single number.
-    Raises ValueError unless samples fit one another and the weights.
+    same for all of them. With one seed only cells vary: that is all there is to a strategy, but says nothing
+    of other trainings. None for a single number. Raises ValueError unless samples fit one another and the
+    weights.
     """
     values = [np.atleast_2d(np.asarray(sample, np.float64)) for sample in samples]
-    cells = {sample.shape[-1] for sample in values}
-    if len(weights) != len(values) or (shared_cells and len(cells) > 1):
+    if len(weights) != len(values) or len({sample.shape[-1] for sample in values}) > 1:
         shapes = ", ".join(str(sample.shape) for sample in values)
         raise ValueError(f"samples must be {len(weights)}, with the same cells, got the shapes {shapes}")
-    added, taken_off, by_cell = [], [], []
+    added, taken_off, by_cell = [], [], np.zeros(1)
     for weight, sample in zip(weights, values, strict=True):
         n_seeds, n_cells = sample.shape[-2:]
         of_seed, of_cell = weight * sample.mean(axis=-1), weight * sample.mean(axis=-2)
-        by_cell.append(of_cell)
+        by_cell = by_cell + of_cell
         if n_seeds > 1:
             added.append(_variance(of_seed))
         if n_seeds > 1 and n_cells > 1:
@@ -239,8 +238,7 @@ def margin(*samples: np.ndarray, weights: Sequence[float] = (1.0,), shared_cells
             rest = weight * sample - of_seed[..., None] - of_cell[..., None, :] + mean
             freedom = (n_seeds - 1) * (n_cells - 1)
             taken_off.append((np.sum(rest**2, axis=(-2, -1)) / (freedom * n_seeds * n_cells), freedom))
-    by_cell = [np.sum(np.stack(np.broadcast_arrays(*by_cell)), axis=0)] if shared_cells else by_cell
-    added += [_variance(each) for each in by_cell if each.shape[-1] > 1]
+    added += [_variance(by_cell)] if by_cell.shape[-1] > 1 else []
     return half_width(added, taken_off) if added else None
 
 
