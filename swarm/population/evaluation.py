@@ -11,6 +11,7 @@ from swarm._support import files, provenance
 from swarm._support.checks import check_number
 from swarm._support.tables import Table, percent, span
 from swarm.optimal.physical_limit import Optimal
+from swarm.optimal.problem import Progress
 from swarm.physics.world import World
 from swarm.policies.adaptive import AdaptiveSteering
 from swarm.policies.network import ZOO, Network, load_policy
@@ -132,7 +133,7 @@ def compete(
     worlds: int = 40,
     life: float = 200.0,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """A [`contest`][swarm.population.contests.contest] of two policies by their names or paths, of which the
     first steers a `share` of the cells; where nobody races in the world, to the first arrival.

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from swarm._support import streams
-from swarm._support.checks import check_count, check_name
+from swarm._support.checks import check_name
 from swarm._support.tables import Table, span
 from swarm.physics.world import World
 from swarm.physics.world.rules import in_units
@@ -103,9 +102,6 @@ def sweep_noise(
     that are done. Raises, before anything is computed, ValueError for a wrong level, PolicyError for a policy
     that cannot be had.
     """
-    check_count("cells", cells)
-    check_count("worlds", worlds)
-    streams.check_seed(seed)
     noisy = check_levels(levels, kind, world.replace(life=life))
     contenders = [contender(policy, each) for each in noisy]
     sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
