@@ -231,10 +231,10 @@ def _identifier(text: str) -> str:
 
 
 FORMATS: dict[str, Callable[[Network, str], bytes]] = {"c": _c, "json": _json, "onnx": _onnx}
-SUFFIXES = {"c": ".h", "json": ".json", "onnx": ".onnx"}
 
 
 def default_path(policy: str, format: str) -> Path:
     """Where a policy of this name goes: into the current folder, called as it is."""
     name = Path(policy.rpartition(":")[2]).expanduser().name.removesuffix(".safetensors") or "policy"
-    return Path(name + SUFFIXES[check_name("format", format, FORMATS)])
+    suffix = "h" if check_name("format", format, FORMATS) == "c" else format
+    return Path(f"{name}.{suffix}")
