@@ -100,7 +100,7 @@ def test_progress_is_told_where_there_is_no_terminal_with_the_time_left(monkeypa
 def test_a_run_is_trained_whatever_its_streams(monkeypatch, tmp_path, redirected):
     monkeypatch.chdir(tmp_path)
     words = f'"{sys.executable}" -c "{COMMAND}" train {" ".join(SHORT)} {redirected}'
-    done = subprocess.run(["sh", "-c", words], env=os.environ | {"PYTHONPATH": str(ROOT)}, timeout=60)
+    done = subprocess.run(["sh", "-c", words], env=os.environ | {"PYTHONPATH": str(ROOT)}, timeout=300)
     assert done.returncode == 0
     assert runs.RunFolder(Path("run")).finished
 
