@@ -36,28 +36,33 @@ class SeedCollector:
         In TorchRL's keys; `mask` of `collector` says which cells were alive.
         """
         env, results = self.env, []
-        written: dict[str, list[Tensor]] = {name: [] for name in ("observation", *self.policy.out_keys)}
+        written: dict[str, list[Tensor]] = {name: [] for name in self.policy.out_keys}
+        assert env.observation is not None, "env.restart() must come first"
+        observations = [env.observation]
         for _ in range(decisions):
-            assert env.observation is not None, "env.restart() must come first"
-            seen = {"observation": self._by_seed(env.observation), "uniform": self._uniform()}
+            seen = {"observation": self._by_seed(observations[-1]), "uniform": self._uniform()}
             if "poses" in self.policy.in_keys:
                 seen["poses"] = self.poses()
             step = self.policy(TensorDict(seen, self._shape))
-            results.append(env.advance(step["action"].reshape(env.n_worlds, -1)))
+            observation, *result = env.advance(step["action"].reshape(env.n_worlds, -1))
+            observations.append(observation)
+            results.append(result)
             for name, values in written.items():
                 values.append(step[name])
             if env.all_finished():
                 break
-        observation, reward, terminated, truncated, alive = map(torch.stack, zip(*results, strict=True))
+        reward, terminated, truncated, alive = map(torch.stack, zip(*results, strict=True))
         shape = (len(results), *self._shape)
+        observation = torch.stack(observations).reshape(len(observations), *self._shape, -1)
         following = {
-            "observation": observation.reshape(*shape, -1),
+            "observation": observation[1:],
             "reward": reward.reshape(*shape, 1).float(),
             "terminated": terminated.reshape(*shape, 1),
             "done": (terminated | truncated | ~alive).reshape(*shape, 1),
         }
         taken = {name: torch.stack(values) for name, values in written.items()}
-        return TensorDict({**taken, "collector": {"mask": alive.reshape(shape)}, "next": following}, shape)
+        whole = {"observation": observation[:-1], **taken, "next": following}
+        return TensorDict({**whole, "collector": {"mask": alive.reshape(shape)}}, shape)
 
     def gains(self) -> Tensor:
         """Gain (seeds, cells) of the lives so far."""

@@ -22,8 +22,8 @@ from swarm.envs.torchrl import SwarmEnv
 from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at, worth_compiling
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.compiled import CompiledUpdate
-from trainers.algorithms.networks import seed_mlp
-from trainers.algorithms.replay import COLUMNS, SeedReplay, width
+from trainers.algorithms.networks import memory_of, seed_mlp
+from trainers.algorithms.replay import Layout, SeedReplay, transitions, width
 from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import Settings
 
@@ -67,7 +67,8 @@ def epsilon_at(settings: DQNSettings, epoch: int, progress: float) -> float:
 def q_error(
     online: Callable, target: Callable, batch: Mapping, *, gamma: float, double: bool, loss_function: str
 ) -> tuple[Tensor, Tensor]:
-    """Loss and mean value (seeds,) of a batch (seeds, rows) in the keys that DQNLoss reads.
+    """Loss (seeds,) of a batch (seeds, rows) in the keys that DQNLoss reads, and the values (seeds, rows, 1)
+    of what was done.
 
     With `double`, the online network chooses the next action and the target network values it (van Hasselt et
     al. 2016). Rows of cells that were not alive count for nothing.
@@ -83,22 +84,26 @@ def q_error(
 def of_values(
     values: Tensor, best: Tensor, batch: Mapping, gamma: float, loss_function: str
 ) -> tuple[Tensor, Tensor]:
-    """Loss and mean value (seeds,) of a batch (seeds, ...), from the values (seeds, ..., actions) of what was
-    seen and the `best` (seeds, ..., 1) of what followed.
+    """`q_error` from the values (seeds, ..., actions) of what was seen and the `best` (seeds, ..., 1) of what
+    followed.
     """
     with torch.no_grad():
         discount = gamma ** batch["steps_to_next_obs"] * ~batch["next", "terminated"]
         goal = torch.addcmul(batch["next", "reward"], discount, best)
-    chosen, alive = values.gather(-1, batch["action"].unsqueeze(-1)), batch["collector", "mask"].flatten(1)
-    each = torch.stack([distance_loss(chosen, goal, loss_function), chosen]).squeeze(-1).flatten(2)
-    loss, value = torch.where(alive, each, 0.0).sum(-1) / alive.sum(-1).clamp_min(1)
-    return loss, value
+    chosen = values.gather(-1, batch["action"].unsqueeze(-1))
+    return living_mean(distance_loss(chosen, goal, loss_function), batch), chosen
+
+
+def living_mean(each: Tensor, batch: Mapping) -> Tensor:
+    """The mean (seeds,) of numbers (seeds, ..., 1) over the cells of a batch (seeds, ...) that were alive."""
+    alive = batch["collector", "mask"].flatten(1)
+    return torch.where(alive, each.flatten(1), 0.0).sum(-1) / alive.sum(-1).clamp_min(1)
 
 
 class SeedDQNLoss(LossModule):
     """`torchrl.objectives.DQNLoss` for each of a leading axis of seeds."""
 
-    in_keys = [*COLUMNS]
+    in_keys = [*transitions(0)]
     out_keys = ["loss", "chosen_action_value"]
 
     value_network: nn.Module
@@ -116,12 +121,13 @@ class SeedDQNLoss(LossModule):
             self._modules["target_value_network_params"].to_module(target)
 
     def measured(self, batch: Mapping) -> tuple[Tensor, Tensor]:
-        """Loss and mean value (seeds,), without a TensorDict."""
+        """Loss (seeds,) and values (seeds, rows, 1), without a TensorDict."""
         return self.error(self.value_network, self.target_network, batch)
 
     def forward(self, batch: Mapping) -> TensorDict:
-        loss, value = self.measured(batch)
-        return TensorDict({"loss": loss, "chosen_action_value": value.detach()}, loss.shape)
+        loss, chosen = self.measured(batch)
+        value = living_mean(chosen.detach(), batch)
+        return TensorDict({"loss": loss, "chosen_action_value": value}, loss.shape)
 
 
 class FusedSoftUpdate(SoftUpdate):
@@ -162,12 +168,6 @@ class DQN(Algorithm):
     settings: DQNSettings
     explorers, error = EpsilonGreedy, staticmethod(q_error)
     worth_compiling: float = WORTH_COMPILING
-    kept: tuple[Any, ...] = (
-        "observation",
-        "action",
-        ("collector", "mask"),
-        *(("next", name) for name in REACHED),
-    )
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
         if env.world.is_continuous:
@@ -191,37 +191,50 @@ class DQN(Algorithm):
         self.follow = FusedSoftUpdate(self.loss, tau=learning.target_rate) if delayed else None
         self.optimiser = fused_adam(self.policy.parameters())
         self.draws = [torch.Generator(device or "cpu") for _ in env.seeds]
-        self.rows = learning.batch_size  # of the buffer in a batch
-        self.buffer = self.replay(settings)
-        self.update: Callable[[Mapping], Mapping[str, Tensor]] = self._update
+        length = self.length(settings)
+        self.rows = max(1, learning.batch_size // length)  # of the buffer in a batch
+        self.buffer = SeedReplay(max(1, learning.buffer_size // length), self.layout(settings), self.draws)
+        self.update: Callable[[Mapping], tuple[Tensor, Tensor]] = self._update
         rounds = learning.epochs * math.ceil(world.max_decisions / (learning.collect or world.max_decisions))
         if worth_compiling(settings, rounds * learning.updates, self.worth_compiling):
             networks = (self.policy, self.loss.target_network)
             self.update = CompiledUpdate(self.loss.error, *networks, self.optimiser, learning.target_rate)
 
-    def network(self, settings: Settings) -> nn.Module:
-        """A fresh one of every seed."""
-        return seed_mlp(settings.layers, self.keys("network"), self.env.device)
-
-    def replay(self, settings: Settings) -> SeedReplay:
-        """The empty buffer."""
-        return SeedReplay(self.settings.buffer_size, self.env.world.observation_size, self.draws)
+    @staticmethod
+    def sizes(settings: Settings) -> tuple[int, ...]:
+        """Of the network's layers, from inputs to outputs."""
+        return settings.layers
 
     @staticmethod
-    def memory_needed(settings: Settings) -> int:
+    def length(settings: Settings) -> int:
+        """Decisions in a row of the buffer."""
+        return 1
+
+    @classmethod
+    def layout(cls, settings: Settings) -> Layout:
+        """Of a row of the buffer."""
+        return transitions(settings.layers[0])
+
+    def network(self, settings: Settings) -> nn.Module:
+        """A fresh one of every seed."""
+        return seed_mlp(self.sizes(settings), self.keys("network"), self.env.device)
+
+    @classmethod
+    def memory_needed(cls, settings: Settings) -> int:
         learning = cast(DQNSettings, settings.learning)
         rows = 2 * learning.buffer_size + learning.updates * learning.batch_size  # a checkpoint's, too
-        return 4 * rows * width(settings.layers[0]) + Algorithm.memory_needed(settings)
+        kept = 4 * rows * width(cls.layout(settings)) // cls.length(settings)
+        return kept + memory_of(cls.sizes(settings), learning.batch_size)
 
-    def _update(self, batch: Mapping) -> Mapping[str, Tensor]:
-        """One step of the optimiser."""
-        loss, value = self.loss.measured(batch)
+    def _update(self, batch: Mapping) -> tuple[Tensor, Tensor]:
+        """One step of the optimiser; what `q_error` says of the batch."""
+        loss, chosen = self.loss.measured(batch)
         self.optimiser.zero_grad()
         loss.sum().backward()
         self.optimiser.step()
         if self.follow is not None:
             self.follow.step()
-        return {"loss": loss, "chosen_action_value": value.detach()}
+        return loss.detach(), chosen.detach()
 
     def begin(self, epoch: int) -> None:
         self.epoch, self.waiting = epoch, dict[Any, Tensor]()
@@ -232,14 +245,18 @@ class DQN(Algorithm):
         self.explorer.epsilon = epsilon_at(self.settings, self.epoch, progress)
         return super().collect(progress)
 
+    def window(self, rollout: TensorDict) -> dict[Any, Tensor]:
+        """What has waited, and what was collected now (decisions, ...)."""
+        keys = "observation", *self.explorer.out_keys, ("collector", "mask"), *(("next", n) for n in REACHED)
+        now = {key: rollout[key] for key in keys}
+        return {key: torch.cat([self.waiting[key], now[key]]) for key in keys} if self.waiting else now
+
     def remember(self, rollout: TensorDict) -> bool:
         """Put what is complete into the buffer; whether anything was.
 
         The last decisions wait for the rewards of the next ones, unless all lives have ended.
         """
-        window = {key: rollout[key] for key in self.kept}
-        if self.waiting:
-            window = {key: torch.cat([self.waiting[key], now]) for key, now in window.items()}
+        window = self.window(rollout)
         decisions = len(window["action"])
         complete = decisions if self.env.all_finished() else max(0, decisions - self.settings.n_steps + 1)
         self.waiting = {key: now[complete:] for key, now in window.items()}
@@ -253,12 +270,11 @@ class DQN(Algorithm):
         if not self.remember(rollout):
             return None
         for batch in self.buffer.batches(self.settings.updates, self.rows):
-            rate = self.optimiser.param_groups[0]["lr"] = learning_rate_at(
-                self.settings, self.updates, progress
-            )
-            measured = self.update(batch)
+            rate = learning_rate_at(self.settings, self.updates, progress)
+            self.optimiser.param_groups[0]["lr"] = rate
+            loss, chosen = self.update(batch)
             self.updates += 1
-        means = {"loss": measured["loss"].detach(), "q_mean": measured["chosen_action_value"]}
+        means = {"loss": loss, "q_mean": living_mean(chosen, batch)}
         return means | {"epsilon": self.explorer.epsilon, "learning_rate": rate}
 
     def tensors(self) -> dict[str, Tensor]:

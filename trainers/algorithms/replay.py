@@ -1,9 +1,10 @@
-"""Replay: TorchRL's buffer for transitions of several seeds, each of which draws its own.
+"""Replay: TorchRL's buffer for what several seeds keep, each of which draws its own.
 
-Transitions go by TorchRL's keys, but lie in the buffer as rows of numbers: TorchRL takes a TensorDict apart
+Entries go by TorchRL's keys, but lie in the buffer as rows of numbers: TorchRL takes a TensorDict apart
 entry by entry, while a single tensor goes in and out by one operation.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -13,106 +14,102 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.data.replay_buffers.samplers import RandomSampler
 
 Key = str | tuple[str, str]
-
-OBSERVATIONS: tuple[Key, ...] = ("observation", ("next", "observation"))  # (..., inputs)
-NUMBERS: tuple[Key, ...] = (("next", "reward"), "steps_to_next_obs")  # (..., 1)
-FLAGS: tuple[Key, ...] = (("next", "terminated"),)  # (..., 1) bool
-BARE: dict[Key, torch.dtype] = {"action": torch.int64, ("collector", "mask"): torch.bool}  # (...)
-COLUMNS: tuple[Key, ...] = (*OBSERVATIONS, *NUMBERS, *FLAGS, *BARE)
-OTHERS = len(COLUMNS) - len(OBSERVATIONS)
+Layout = Mapping[Key, tuple[tuple[int, ...], torch.dtype]]  # shape and type of each entry of a row
 
 
-def width(inputs: int) -> int:
+def transitions(inputs: int) -> Layout:
+    """What is kept of one decision of a cell: what DQNLoss reads, and whether the cell was alive."""
+    seen, number, flag = ((inputs,), torch.float32), ((1,), torch.float32), ((1,), torch.bool)
+    return {
+        "observation": seen,
+        ("next", "observation"): seen,
+        ("next", "reward"): number,
+        "steps_to_next_obs": number,
+        ("next", "terminated"): flag,
+        "action": ((), torch.int64),
+        ("collector", "mask"): ((), torch.bool),
+    }
+
+
+def width(layout: Layout) -> int:
     """Numbers in a row."""
-    return 2 * inputs + OTHERS
+    return sum(math.prod(shape) for shape, _ in layout.values())
 
 
-def packed(transitions: Mapping[Any, Tensor]) -> Tensor:
-    """Rows (..., width) of float32, which holds every action exactly, of transitions (...)."""
-    columns = [transitions[key] for key in (*OBSERVATIONS, *NUMBERS, *FLAGS)]
-    return torch.cat([*columns, *(transitions[key].unsqueeze(-1) for key in BARE)], dim=-1)
+def packed(entries: Mapping[Any, Tensor], layout: Layout) -> Tensor:
+    """Rows (..., width) of float32, which holds every action exactly, of entries (..., their own shapes)."""
+    flat = [entries[key].flatten(-len(shape)) if shape else entries[key][..., None] for key, (shape, _) in layout.items()]
+    return torch.cat(flat, dim=-1)
 
 
-def unpacked(rows: Tensor) -> dict[Key, Tensor]:
-    """The transitions (...) that were packed in rows (..., width)."""
-    inputs = (rows.shape[-1] - OTHERS) // 2
-    columns = rows.split((inputs, inputs, *(1,) * OTHERS), dim=-1)
-    found = dict(zip(COLUMNS, columns, strict=True))
-    found |= {key: found[key].bool() for key in FLAGS}
-    return found | {key: found[key].squeeze(-1).to(dtype) for key, dtype in BARE.items()}
+def unpacked(rows: Tensor, layout: Layout) -> dict[Any, Tensor]:
+    """The entries (..., their own shapes) that were packed in rows (..., width)."""
+    columns = rows.split([math.prod(shape) for shape, _ in layout.values()], dim=-1)
+    return {
+        key: column.reshape(*rows.shape[:-1], *shape).to(dtype)
+        for column, (key, (shape, dtype)) in zip(columns, layout.items(), strict=True)
+    }
 
 
 class SeedSampler(RandomSampler):
-    """Draws from a storage (rows, seeds), uniformly with replacement, for every seed by its own generator."""
+    """Draws from rows of which each seed has every so manieth, uniformly with replacement, for every seed by
+    its own generator.
+    """
 
     def __init__(self, generators: list[torch.Generator]) -> None:
         self.generators = generators
         self.seeds = torch.arange(len(generators), device=generators[0].device)[:, None]
 
-    def sample(self, storage: Any, batch_size: int) -> tuple[tuple[Tensor, Tensor], dict]:
-        length, device = len(storage), self.seeds.device
+    def sample(self, storage: Any, batch_size: int) -> tuple[Tensor, dict]:
+        length, device = len(storage) // len(self.seeds), self.seeds.device
         drawn = [
             torch.randint(length, (batch_size,), generator=each, device=device) for each in self.generators
         ]
-        return (torch.stack(drawn), self.seeds), {}
+        return (torch.stack(drawn) * len(self.seeds) + self.seeds).flatten(), {}
 
 
 class SeedReplay:
-    """Keeps the newest `size` transitions of every seed, or whatever else is packed in rows."""
+    """Keeps the newest `size` entries of every seed; of all seeds, those of one moment lie side by side."""
 
-    def __init__(self, size: int, inputs: int, generators: list[torch.Generator]) -> None:
-        self.size, self.inputs, device = size, inputs, generators[0].device
-        storage = LazyTensorStorage(size, device=device)
+    def __init__(self, size: int, layout: Layout, generators: list[torch.Generator]) -> None:
+        self.size, self.layout, self.seeds = size, layout, len(generators)
+        storage = LazyTensorStorage(size * self.seeds, device=generators[0].device)
         self.buffer = ReplayBuffer(storage=storage, sampler=SeedSampler(generators))
-        self.buffer.extend(torch.zeros(1, len(generators), self.width, device=device))
+        self.buffer.extend(torch.zeros(1, width(layout), device=storage.device))
         self.buffer.empty()  # which leaves the storage as large as it gets
 
-    @property
-    def width(self) -> int:
-        """Numbers in a row."""
-        return width(self.inputs)
-
-    def pack(self, transitions: Mapping[Any, Tensor]) -> Tensor:
-        """Rows (decisions, seeds, cells, width) of the newest transitions (decisions, seeds, cells), no more
-        decisions of them than there is room for.
-        """
-        decisions = -(-self.size // transitions["action"].shape[2])
-        return packed({key: part[-decisions:] for key, part in transitions.items()})
-
-    def unpack(self, rows: Tensor) -> dict[Any, Tensor]:
-        """The transitions (...) that were packed in rows (..., width)."""
-        return unpacked(rows)
-
-    def extend(self, transitions: Mapping[Any, Tensor]) -> None:
-        """Add transitions (decisions, seeds, cells)."""
-        rows = self.pack(transitions).transpose(1, 2).flatten(0, 1)
-        self.buffer.extend(rows[-self.size :])  # two rows for one place would race
+    def extend(self, entries: Mapping[Any, Tensor]) -> None:
+        """Add entries (decisions, seeds, cells, ...)."""
+        decisions = -(-self.size // entries["action"].shape[2])  # no more than there is room for
+        rows = packed({key: entries[key][-decisions:] for key in self.layout}, self.layout)
+        rows = rows.transpose(1, 2).flatten(0, 1)[-self.size :]  # two rows for one place would race
+        self.buffer.extend(rows.flatten(0, 1))
 
     def batches(self, count: int, size: int) -> Iterator[dict[Any, Tensor]]:
         """Batches (seeds, rows) of `size` rows, all drawn at once."""
-        drawn = self.unpack(self.buffer.sample(count * size))
-        columns = (column.contiguous().split(size, dim=1) for column in drawn.values())
+        rows = self.buffer.sample(count * size).unflatten(0, (self.seeds, count, size)).transpose(0, 1)
+        columns = [column.contiguous().unbind() for column in unpacked(rows, self.layout).values()]
         for parts in zip(*columns, strict=True):
-            yield dict(zip(drawn, parts, strict=True))
+            yield dict(zip(self.layout, parts, strict=True))
 
     @property
     def rows(self) -> Tensor:
         """All there is (rows, seeds, width), not copied."""
-        return self.buffer[:]
+        return self.buffer[:].unflatten(0, (-1, self.seeds))
 
     @property
     def cursor(self) -> int:
-        """The place that the next transition goes to."""
-        return self.buffer.writer.state_dict()["_cursor"]
+        """The place that the next entry goes to."""
+        return self.buffer.writer.state_dict()["_cursor"] // self.seeds
 
     def refill(self, rows: Tensor, cursor: int, n_actions: int) -> None:
         """Put back what `rows` gave; raises ValueError where it cannot be from here."""
-        action = self.unpack(rows)["action"]
+        action = unpacked(rows, self.layout)["action"]
         if not len(rows) or action.min() < 0 or action.max() >= n_actions or cursor > self.size:
             raise ValueError(
                 f"buffer must have rows with actions from 0 to {n_actions - 1}, and its cursor be at most "
                 f"{self.size}, got {len(rows)} rows and {cursor}"
             )
         self.buffer.empty()
-        self.buffer.extend(rows.to(self.buffer.storage.device))
-        self.buffer.writer.load_state_dict({"_cursor": cursor})
+        self.buffer.extend(rows.flatten(0, 1).to(self.buffer.storage.device))
+        self.buffer.writer.load_state_dict({"_cursor": cursor * self.seeds})
