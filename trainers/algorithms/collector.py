@@ -64,10 +64,6 @@ class SeedCollector:
         whole = {"observation": observation[:-1], **taken, "next": following}
         return TensorDict({**whole, "collector": {"mask": alive.reshape(shape)}}, shape)
 
-    def gains(self) -> Tensor:
-        """Gain (seeds, cells) of the lives so far."""
-        return self._by_seed(self.env.gain())
-
     def poses(self) -> Tensor:
         """Position [length], heading (unit vector) and κ* of all cells (seeds, cells, 5) as they are now; in
         space (seeds, cells, 8), see `State`.

@@ -262,7 +262,7 @@ class DQN(Algorithm):
         self.waiting = {key: now[complete:] for key, now in window.items()}
         if complete:
             rows = returns(window, self.settings.discount, self.settings.n_steps)
-            self.buffer.extend({key: part[:complete] for key, part in rows.items()})
+            self.buffer.extend(rows, complete)
         return complete > 0
 
     def learn(self, rollout: TensorDict, progress: float) -> dict[str, Tensor | float] | None:

@@ -105,5 +105,5 @@ class DRQN(DQN):
             if key != "hidden":  # where decisions are missing, the cell was not alive
                 rest = rows[key].new_zeros(shape[0] - len(rows[key]), *rows[key].shape[1:])
                 rows[key] = torch.cat([rows[key], rest]).movedim(0, 2).unsqueeze(0)
-        self.buffer.extend(rows)
+        self.buffer.extend(rows, 1)
         return True
