@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from pkgutil import resolve_name
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDict
@@ -120,9 +120,10 @@ def fused_adam(parameters: Iterable[nn.Parameter]) -> Adam:
     return optimiser
 
 
-def held_by(optimiser: Adam, **modules: nn.Module) -> dict[str, Tensor]:
-    """The tensors of an optimiser and of modules by name, none of them copied."""
-    states = [optimiser.state[parameter] for parameter in optimiser.param_groups[0]["params"]]
-    parts = {name: module.state_dict(keep_vars=True) for name, module in modules.items()}
-    parts |= {f"optimiser.{place}": state for place, state in enumerate(states)}
+def held_by(optimiser: Adam | None = None, **modules: nn.Module) -> dict[str, Tensor]:
+    """The tensors of modules and of an optimiser by name, none of them copied."""
+    parts: dict[str, Any] = {name: module.state_dict(keep_vars=True) for name, module in modules.items()}
+    if optimiser is not None:
+        parameters = optimiser.param_groups[0]["params"]
+        parts |= {f"optimiser.{place}": optimiser.state[each] for place, each in enumerate(parameters)}
     return {f"{part}.{name}": tensor for part, held in parts.items() for name, tensor in held.items()}

@@ -23,12 +23,11 @@ from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_ra
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.compiled import CompiledUpdate
 from trainers.algorithms.networks import memory_of, seed_mlp
-from trainers.algorithms.replay import Layout, SeedReplay, transitions, width
+from trainers.algorithms.replay import REACHED, Layout, SeedReplay, returns, transitions, width
 from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import Settings
 
 WORTH_COMPILING = 30_000  # updates, from which compiling one saves more time than it takes
-REACHED = ("reward", "observation", "terminated")  # what follows a decision
 LOSSES = {"squared": "l2", "huber": "smooth_l1"}  # in TorchRL's words
 
 
@@ -52,7 +51,6 @@ class EpsilonGreedy(TensorDictModuleBase):
         return tensordict.set("action", torch.where(coin < self.epsilon, random, best))
 
     def values(self, tensordict: TensorDictBase) -> Tensor:
-        """Of every action (..., actions)."""
         return self.network(tensordict["observation"])
 
 
@@ -142,25 +140,6 @@ class FusedSoftUpdate(SoftUpdate):
         torch._foreach_lerp_(self._old, self._new, 1 - self.eps)
 
 
-def returns(rollout: Mapping[Any, Tensor], gamma: float, n_steps: int) -> dict[str | tuple[str, str], Tensor]:
-    """Transitions (decisions, ...) whose rewards are sums over up to `n_steps` decisions of the same life.
-
-    What TorchRL's MultiStep writes: Σ γᵏ r, the observation that follows, and the steps to it (Sutton
-    and Barto 2018, eq. 7.1). A termination on the way counts, which MultiStep leaves to its user.
-    """
-    reward, seen, ended = (rollout["next", name] for name in REACHED)
-    total, reached, terminated = reward.clone(), seen.clone(), ended.clone()
-    alive, steps = rollout["collector", "mask"].unsqueeze(-1), torch.ones_like(reward)
-    for ahead in range(1, min(n_steps, len(reward))):
-        goes_on = alive[ahead:]
-        total[:-ahead] += torch.where(goes_on, gamma**ahead * reward[ahead:], 0.0)
-        reached[:-ahead] = torch.where(goes_on, seen[ahead:], reached[:-ahead])
-        terminated[:-ahead] |= goes_on & ended[ahead:]
-        steps[:-ahead] += goes_on
-    further = {("next", name): part for name, part in zip(REACHED, (total, reached, terminated), strict=True)}
-    return {**rollout, **further, "steps_to_next_obs": steps}
-
-
 class DQN(Algorithm):
     """Decides for every cell, remembers what came of it, and learns from random parts of that."""
 
@@ -171,13 +150,12 @@ class DQN(Algorithm):
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
         if env.world.is_continuous:
-            raise ValueError(
-                "world.action must be 'discrete' where dqn learns, which values each action, got 'continuous'"
-            )
-        learning, world, device = cast(DQNSettings, settings.learning), env.world, env.device
+            rule = "world.action must be 'discrete' where dqn learns, which values each action"
+            raise ValueError(f"{rule}, got 'continuous'")
+        learning, (sizes, layout, length) = cast(DQNSettings, settings.learning), self.design(settings)
         self.env, self.settings = env, learning
-        self.policy = self.network(settings)
-        self.explorer = self.explorers(self.policy, world.n_actions)
+        self.policy = self.network(sizes)
+        self.explorer = self.explorers(self.policy, env.world.n_actions)
         self.collector = SeedCollector(env, self.explorer)
         delayed = learning.target_rate < 1
         self.loss = SeedDQNLoss(
@@ -190,41 +168,30 @@ class DQN(Algorithm):
         )
         self.follow = FusedSoftUpdate(self.loss, tau=learning.target_rate) if delayed else None
         self.optimiser = fused_adam(self.policy.parameters())
-        self.draws = [torch.Generator(device or "cpu") for _ in env.seeds]
-        length = self.length(settings)
+        self.draws = [torch.Generator(env.device or "cpu") for _ in env.seeds]
         self.rows = max(1, learning.batch_size // length)  # of the buffer in a batch
-        self.buffer = SeedReplay(max(1, learning.buffer_size // length), self.layout(settings), self.draws)
+        self.buffer = SeedReplay(max(1, learning.buffer_size // length), layout, self.draws)
         self.update: Callable[[Mapping], tuple[Tensor, Tensor]] = self._update
-        rounds = learning.epochs * math.ceil(world.max_decisions / (learning.collect or world.max_decisions))
+        decisions = env.world.max_decisions
+        rounds = learning.epochs * math.ceil(decisions / (learning.collect or decisions))
         if worth_compiling(settings, rounds * learning.updates, self.worth_compiling):
             networks = (self.policy, self.loss.target_network)
             self.update = CompiledUpdate(self.loss.error, *networks, self.optimiser, learning.target_rate)
 
     @staticmethod
-    def sizes(settings: Settings) -> tuple[int, ...]:
-        """Of the network's layers, from inputs to outputs."""
-        return settings.layers
+    def design(settings: Settings) -> tuple[tuple[int, ...], Layout, int]:
+        """Sizes of the network's layers, what a row of the buffer holds, and of how many decisions it is."""
+        return settings.layers, transitions(settings.layers[0]), 1
 
-    @staticmethod
-    def length(settings: Settings) -> int:
-        """Decisions in a row of the buffer."""
-        return 1
-
-    @classmethod
-    def layout(cls, settings: Settings) -> Layout:
-        """Of a row of the buffer."""
-        return transitions(settings.layers[0])
-
-    def network(self, settings: Settings) -> nn.Module:
+    def network(self, sizes: tuple[int, ...]) -> nn.Module:
         """A fresh one of every seed."""
-        return seed_mlp(self.sizes(settings), self.keys("network"), self.env.device)
+        return seed_mlp(sizes, self.keys("network"), self.env.device)
 
     @classmethod
     def memory_needed(cls, settings: Settings) -> int:
-        learning = cast(DQNSettings, settings.learning)
+        learning, (sizes, layout, length) = cast(DQNSettings, settings.learning), cls.design(settings)
         rows = 2 * learning.buffer_size + learning.updates * learning.batch_size  # a checkpoint's, too
-        kept = 4 * rows * width(cls.layout(settings)) // cls.length(settings)
-        return kept + memory_of(cls.sizes(settings), learning.batch_size)
+        return 4 * rows * width(layout) // length + memory_of(sizes, learning.batch_size)
 
     def _update(self, batch: Mapping) -> tuple[Tensor, Tensor]:
         """One step of the optimiser; what `q_error` says of the batch."""

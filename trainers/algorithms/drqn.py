@@ -12,9 +12,9 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from trainers.algorithms.dqn import DQN, EpsilonGreedy, of_values, returns
+from trainers.algorithms.dqn import DQN, EpsilonGreedy, of_values
 from trainers.algorithms.networks import RecurrentMLP
-from trainers.algorithms.replay import Layout, transitions
+from trainers.algorithms.replay import Layout, returns, transitions
 from trainers.settings.learning import DRQNSettings
 from trainers.settings.schema import Settings
 
@@ -60,31 +60,25 @@ class DRQN(DQN):
     policy: RecurrentMLP
 
     @staticmethod
-    def sizes(settings: Settings) -> tuple[int, ...]:
-        """Of the inputs, the recurrent layer, the hidden ones and the outputs."""
+    def design(settings: Settings) -> tuple[tuple[int, ...], Layout, int]:
+        """Sizes of the inputs, the recurrent layer, the hidden ones and the outputs; a row of the buffer is a
+        sequence, with the hidden state (nodes,) before it.
+        """
         learning, world = cast(DRQNSettings, settings.learning), settings.training_world()
         if learning.seen > world.n_records:
             rule = f"learning.seen must be at most world.n_records, {world.n_records}"
             raise ValueError(f"{rule}, got {learning.seen}")
-        return (learning.seen * world.features, learning.nodes, *learning.hidden, world.n_actions)
-
-    @staticmethod
-    def length(settings: Settings) -> int:
-        """Decisions that a sequence is learnt from."""
-        return settings.learning.collect or settings.training_world().max_decisions
-
-    @classmethod
-    def layout(cls, settings: Settings) -> Layout:
-        """Of a sequence, whose first hidden state it begins with."""
-        inputs, nodes, *_ = cls.sizes(settings)
-        steps = cast(DRQNSettings, settings.learning).burn_in + cls.length(settings)
-        first = {"hidden": ((nodes,), torch.float32), "seen": ((steps + 1, inputs), torch.float32)}
+        inputs, nodes = learning.seen * world.features, learning.nodes
+        length = learning.collect or world.max_decisions
+        steps = learning.burn_in + length
+        layout = {"hidden": ((nodes,), torch.float32), "seen": ((steps + 1, inputs), torch.float32)}
         each = {key: ((steps, *shape), dtype) for key, (shape, dtype) in transitions(inputs).items()}
-        return first | {key: part for key, part in each.items() if "observation" not in key}
+        layout |= {key: part for key, part in each.items() if "observation" not in key}
+        return (inputs, nodes, *learning.hidden, world.n_actions), layout, length
 
-    def network(self, settings: Settings) -> RecurrentMLP:
+    def network(self, sizes: tuple[int, ...]) -> RecurrentMLP:
         keys = [self.keys("network"), self.keys("network", 1)]
-        return RecurrentMLP(self.sizes(settings), self.env.world.features, keys, self.env.device)
+        return RecurrentMLP(sizes, self.env.world.features, keys, self.env.device)
 
     def begin(self, epoch: int) -> None:
         super().begin(epoch)

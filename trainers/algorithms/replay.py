@@ -15,6 +15,7 @@ from torchrl.data.replay_buffers.samplers import RandomSampler
 
 Key = str | tuple[str, str]
 Layout = Mapping[Key, tuple[tuple[int, ...], torch.dtype]]  # shape and type of each entry of a row
+REACHED = ("reward", "observation", "terminated")  # what follows a decision
 
 
 def transitions(inputs: int) -> Layout:
@@ -29,6 +30,25 @@ def transitions(inputs: int) -> Layout:
         "action": ((), torch.int64),
         ("collector", "mask"): ((), torch.bool),
     }
+
+
+def returns(rollout: Mapping[Any, Tensor], gamma: float, n_steps: int) -> dict[Key, Tensor]:
+    """Transitions (decisions, ...) whose rewards are sums over up to `n_steps` decisions of the same life.
+
+    What TorchRL's MultiStep writes: Σ γᵏ r, the observation that follows, and the steps to it (Sutton
+    and Barto 2018, eq. 7.1). A termination on the way counts, which MultiStep leaves to its user.
+    """
+    reward, seen, ended = (rollout["next", name] for name in REACHED)
+    total, reached, terminated = reward.clone(), seen.clone(), ended.clone()
+    alive, steps = rollout["collector", "mask"].unsqueeze(-1), torch.ones_like(reward)
+    for ahead in range(1, min(n_steps, len(reward))):
+        goes_on = alive[ahead:]
+        total[:-ahead] += torch.where(goes_on, gamma**ahead * reward[ahead:], 0.0)
+        reached[:-ahead] = torch.where(goes_on, seen[ahead:], reached[:-ahead])
+        terminated[:-ahead] |= goes_on & ended[ahead:]
+        steps[:-ahead] += goes_on
+    further = {("next", name): part for name, part in zip(REACHED, (total, reached, terminated), strict=True)}
+    return {**rollout, **further, "steps_to_next_obs": steps}
 
 
 def width(layout: Layout) -> int:
