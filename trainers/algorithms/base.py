@@ -33,6 +33,8 @@ class Algorithm(ABC):
     optimiser: Adam
     policy: nn.Module  # (seeds, rows, inputs) -> (seeds, rows, actions): the best has the largest number
     updates = 0  # so far
+    epoch: int
+    draws: list[torch.Generator]  # of each seed, for what it draws in this epoch
 
     @abstractmethod
     def __init__(self, env: SwarmEnv, settings: Settings) -> None: ...
@@ -46,8 +48,10 @@ class Algorithm(ABC):
         """For each seed that of a generator of its own."""
         return [streams.integer_seed("training", purpose, seed, *index) for seed in self.env.seeds]
 
-    def begin(self, epoch: int) -> None:  # noqa: B027
+    def begin(self, epoch: int) -> None:
         """Get ready for epoch number `epoch`, from 0 on, whose lives have begun."""
+        self.epoch, device = epoch, self.env.device or "cpu"
+        self.draws = [torch.Generator(device).manual_seed(key) for key in self.keys("replay", epoch)]
 
     def collect(self, progress: float) -> TensorDict:
         """Some decisions of every cell, as `SeedCollector` gives them; `progress` is the part of all epochs

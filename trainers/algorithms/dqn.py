@@ -168,9 +168,9 @@ class DQN(Algorithm):
         )
         self.follow = FusedSoftUpdate(self.loss, tau=learning.target_rate) if delayed else None
         self.optimiser = fused_adam(self.policy.parameters())
-        self.draws = [torch.Generator(env.device or "cpu") for _ in env.seeds]
         self.rows = max(1, learning.batch_size // length)  # of the buffer in a batch
-        self.buffer = SeedReplay(max(1, learning.buffer_size // length), layout, self.draws)
+        size = max(1, learning.buffer_size // length)
+        self.buffer = SeedReplay(size, layout, len(env.seeds), env.device)
         self.update: Callable[[Mapping], tuple[Tensor, Tensor]] = self._update
         decisions = env.world.max_decisions
         rounds = learning.epochs * math.ceil(decisions / (learning.collect or decisions))
@@ -204,9 +204,8 @@ class DQN(Algorithm):
         return loss.detach(), chosen.detach()
 
     def begin(self, epoch: int) -> None:
-        self.epoch, self.waiting = epoch, dict[Any, Tensor]()
-        for generator, key in zip(self.draws, self.keys("replay", epoch), strict=True):
-            generator.manual_seed(key)
+        super().begin(epoch)
+        self.waiting = dict[Any, Tensor]()
 
     def collect(self, progress: float) -> TensorDict:
         self.explorer.epsilon = epsilon_at(self.settings, self.epoch, progress)
@@ -236,7 +235,7 @@ class DQN(Algorithm):
         """One round of updates."""
         if not self.remember(rollout):
             return None
-        for batch in self.buffer.batches(self.settings.updates, self.rows):
+        for batch in self.buffer.batches(self.settings.updates, self.rows, self.draws):
             rate = learning_rate_at(self.settings, self.updates, progress)
             self.optimiser.param_groups[0]["lr"] = rate
             loss, chosen = self.update(batch)

@@ -41,7 +41,7 @@ class Candidates(TensorDictModuleBase):
         values = self.networks(seen.reshape(self.n_worlds, -1, seen.shape[-1]))
         return tensordict.set("action", values.argmax(-1).reshape(seen.shape[:-1]))
 
-    def of_worlds(self, chosen: Tensor) -> "Candidates":
+    def of_worlds(self, chosen: np.ndarray) -> "Candidates":
         """What steers the worlds of these numbers (worlds,)."""
         networks = copy.deepcopy(self.networks)
         for part in networks.parameters():

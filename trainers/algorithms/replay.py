@@ -5,13 +5,12 @@ entry by entry, while a single tensor goes in and out by one operation.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
 from torchrl.data import LazyTensorStorage, ReplayBuffer
-from torchrl.data.replay_buffers.samplers import RandomSampler
 
 Key = str | tuple[str, str]
 Layout = Mapping[Key, tuple[tuple[int, ...], torch.dtype]]  # shape and type of each entry of a row
@@ -71,31 +70,13 @@ def unpacked(rows: Tensor, layout: Layout) -> dict[Any, Tensor]:
     }
 
 
-class SeedSampler(RandomSampler):
-    """Draws from rows of which each seed has every so manieth, uniformly with replacement, for every seed by
-    its own generator.
-    """
-
-    def __init__(self, generators: list[torch.Generator]) -> None:
-        self.generators = generators
-        self.seeds = torch.arange(len(generators), device=generators[0].device)[:, None]
-
-    def sample(self, storage: Any, batch_size: int) -> tuple[Tensor, dict]:
-        length, device = len(storage) // len(self.seeds), self.seeds.device
-        drawn = [
-            torch.randint(length, (batch_size,), generator=each, device=device) for each in self.generators
-        ]
-        return (torch.stack(drawn) * len(self.seeds) + self.seeds).flatten(), {}
-
-
 class SeedReplay:
     """Keeps the newest `size` entries of every seed; of all seeds, those of one moment lie side by side."""
 
-    def __init__(self, size: int, layout: Layout, generators: list[torch.Generator]) -> None:
-        self.size, self.layout, self.seeds = size, layout, len(generators)
-        storage = LazyTensorStorage(size * self.seeds, device=generators[0].device)
-        self.buffer = ReplayBuffer(storage=storage, sampler=SeedSampler(generators))
-        self.buffer.extend(torch.zeros(1, width(layout), device=storage.device))
+    def __init__(self, size: int, layout: Layout, seeds: int, device: torch.device | None = None) -> None:
+        self.size, self.layout, self.seeds = size, layout, seeds
+        self.buffer = ReplayBuffer(storage=LazyTensorStorage(size * seeds, device=device or "cpu"))
+        self.buffer.extend(torch.zeros(1, width(layout), device=device))
         self.buffer.empty()  # which leaves the storage as large as it gets
 
     def extend(self, entries: Mapping[Any, Tensor], decisions: int) -> None:
@@ -103,11 +84,19 @@ class SeedReplay:
         rows = packed(entries, self.layout)[:decisions].transpose(1, 2).flatten(0, 1)
         self.buffer.extend(rows[-self.size :].flatten(0, 1))  # two rows for one place would race
 
-    def batches(self, count: int, size: int) -> Iterator[dict[Any, Tensor]]:
-        """Batches (seeds, rows) of `size` rows, all drawn at once."""
-        places, _ = self.buffer.sampler.sample(self.buffer.storage, count * size)
-        rows = self.buffer[:].index_select(0, places)  # a third of the time of the sample() of the buffer
-        rows = rows.unflatten(0, (self.seeds, count, size)).transpose(0, 1)
+    def batches(
+        self, count: int, size: int, generators: Sequence[torch.Generator]
+    ) -> Iterator[dict[Any, Tensor]]:
+        """Batches (seeds, rows) of `size` rows, uniformly with replacement, for every seed by its own
+        generator; all are drawn at once, which takes a third of the time of the buffer's own `sample`.
+        """
+        kept, seeds = self.buffer[:], self.seeds
+        drawn = [
+            torch.randint(len(kept) // seeds, (count * size,), generator=each, device=kept.device) * seeds
+            + seed
+            for seed, each in enumerate(generators)
+        ]
+        rows = kept.index_select(0, torch.cat(drawn)).unflatten(0, (seeds, count, size)).transpose(0, 1)
         columns = [column.contiguous().unbind() for column in unpacked(rows, self.layout).values()]
         for parts in zip(*columns, strict=True):
             yield dict(zip(self.layout, parts, strict=True))

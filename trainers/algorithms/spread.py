@@ -6,7 +6,6 @@ which, how many did them, or how often one had to be begun again.
 """
 
 import copy
-import functools
 import pickle
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -58,13 +57,6 @@ class Block(NamedTuple):
         return part if whole_worlds or whole.ndim < 3 else part[:, :, slice(*self.cells)]
 
 
-class Found(NamedTuple):
-    """What came of a block's decisions."""
-
-    rollout: Arrays  # (decisions, seeds, cells, ...), of `observation` one more: what follows the last
-    state: Arrays  # (seeds · worlds, ...) after them
-
-
 def blocks_of(learning: LearningSettings) -> list[Block]:
     """Blocks of `learning.block` cells of each seed at most."""
     size, cells, worlds = learning.block, learning.n_swimmers, learning.n_worlds
@@ -74,9 +66,12 @@ def blocks_of(learning: LearningSettings) -> list[Block]:
     return [Block(number, *place, cells) for number, place in enumerate(places)]
 
 
-def collected(settings: Settings, block: Block, policy: nn.Module, state: Arrays, decisions: int) -> Found:
+def collected(
+    settings: Settings, block: Block, policy: nn.Module, state: Arrays, decisions: int
+) -> tuple[Arrays, Arrays]:
     """Up to `decisions` decisions of a block's cells, fewer where all their lives end, by a policy that stays
-    as it is.
+    as it is: the rollout (decisions, seeds, cells, ...), of `observation` one more, what follows the last;
+    and the state (seeds · worlds, ...) after them.
     """
     torch.set_num_threads(settings.threads)
     device = None if settings.device == "cpu" else settings.device
@@ -99,20 +94,19 @@ def collected(settings: Settings, block: Block, policy: nn.Module, state: Arrays
     rollout[SEEN] = np.concatenate([rollout[SEEN], rollout.pop(FOLLOWS)[-1:]])
     after = {name: _array(each) for name, each in env.state_dict_of_env().items()}
     after |= {} if hidden is None else {HIDDEN: _array(steering.hidden).reshape(hidden.shape)}
-    return Found(rollout, after)
+    return rollout, after
 
 
 class Here(Future):
     """The outcome of a task that is done in this process, when it is asked for."""
 
-    def __init__(self, do: Callable[..., Any], *arguments: Any) -> None:
+    def __init__(self, *task: Any) -> None:
         super().__init__()
-        self._task = functools.partial(do, *arguments)
+        self._task = task
 
     def result(self, timeout: float | None = None) -> Any:
-        if not self.done():
-            self.set_result(self._task())
-        return super().result(timeout)
+        do, *arguments = self._task
+        return do(*arguments)
 
 
 def check_portable(policy: nn.Module) -> nn.Module:
@@ -190,10 +184,11 @@ class SpreadCollector(SeedCollector):
         policy.__dict__.pop(HIDDEN, None)  # every block gets its own
         policy = copy.deepcopy(policy).cpu()  # which learning goes on changing
         of_worlds = getattr(policy, "of_worlds", None)
+        numbers = np.arange(self.env.n_worlds).reshape(len(self.env.seeds), -1)
         for block in self.blocks:
             parts = {name: block.of(each) for name, each in held.items()}
             begin = {name: each.reshape(-1, *each.shape[2:]).copy() for name, each in parts.items()}
-            steering = policy if of_worlds is None else of_worlds(self._numbers(block))
+            steering = policy if of_worlds is None else of_worlds(block.of(numbers).flatten())
             futures.append(self.submit(collected, self.settings, block, steering, begin, decisions))
         return futures
 
@@ -218,12 +213,6 @@ class SpreadCollector(SeedCollector):
         if (hidden := tensors.pop(HIDDEN, None)) is not None:
             self.policy.hidden = hidden.reshape(self.policy.hidden.shape).to(self.env.device or "cpu")
         self.env.load_state_dict_of_env(tensors)
-
-    def _numbers(self, block: Block) -> torch.Tensor:
-        """Of the block's worlds, those of one seed after those of another (worlds,)."""
-        return torch.from_numpy(
-            block.of(np.arange(self.env.n_worlds).reshape(len(self.env.seeds), -1))
-        ).flatten()
 
 
 def _array(tensor: torch.Tensor) -> np.ndarray:
