@@ -13,22 +13,17 @@ from torch.optim.adam import adam
 
 from swarm._support.compiler import compiled
 
-# error(online, target, batch) -> loss (seeds,), values (seeds, rows, 1)
-Error = Callable[[Callable, Callable, Mapping], tuple[Tensor, Tensor]]
-
 
 class CompiledUpdate:
     """What backward, Adam's step and SoftUpdate's do to the same tensors (a test holds them equal)."""
 
-    def __init__(
-        self, error: Error, online: nn.Module, target: nn.Module, optimiser: Adam, tau: float
-    ) -> None:
+    def __init__(self, loss: Any, optimiser: Adam, tau: float) -> None:
+        online, following = loss.value_network, loss.target_network.state_dict(keep_vars=True)
         self.optimiser, states = optimiser, [optimiser.state[each] for each in online.parameters()]
         self.held = [[parameter.data for parameter in online.parameters()]]
         self.held += [[state[name] for state in states] for name in ("exp_avg", "exp_avg_sq", "step")]
-        following = dict(target.state_dict(keep_vars=True))
         self.held.append([following[name].data for name, _ in online.named_parameters()])
-        self.step = compiled(_updated, error, online, tau)
+        self.step = compiled(_updated, loss.error, online, tau)
 
     @torch.no_grad()
     def __call__(self, batch: Mapping) -> tuple[Tensor, Tensor]:
@@ -40,7 +35,7 @@ class CompiledUpdate:
 
 
 def _updated(
-    error: Error, network: nn.Module, tau: float, held: list[list[Tensor]], rate: Tensor, batch: Any
+    error: Callable, network: nn.Module, tau: float, held: list[list[Tensor]], rate: Tensor, batch: Any
 ) -> Any:
     """What `error` gives, then parameters, moments, steps and target parameters after the update."""
     names = [name for name, _ in network.named_parameters()]

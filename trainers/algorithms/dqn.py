@@ -27,7 +27,6 @@ from trainers.algorithms.replay import REACHED, Layout, SeedReplay, returns, tra
 from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import Settings
 
-WORTH_COMPILING = 30_000  # updates, from which compiling one saves more time than it takes
 LOSSES = {"squared": "l2", "huber": "smooth_l1"}  # in TorchRL's words
 
 
@@ -82,9 +81,7 @@ def q_error(
 def of_values(
     values: Tensor, best: Tensor, batch: Mapping, gamma: float, loss_function: str
 ) -> tuple[Tensor, Tensor]:
-    """`q_error` from the values (seeds, ..., actions) of what was seen and the `best` (seeds, ..., 1) of what
-    followed.
-    """
+    """`q_error` of the values (seeds, ..., actions) of what was seen, and the best (seeds, ..., 1) next."""
     with torch.no_grad():
         discount = gamma ** batch["steps_to_next_obs"] * ~batch["next", "terminated"]
         goal = torch.addcmul(batch["next", "reward"], discount, best)
@@ -108,9 +105,7 @@ class SeedDQNLoss(LossModule):
     value_network_params: TensorDictParams
     target_value_network_params: TensorDictParams
 
-    def __init__(
-        self, network: nn.Module, *, delay_value: bool, error: Callable = q_error, **options: Any
-    ) -> None:
+    def __init__(self, network: nn.Module, *, delay_value: bool, error: Callable, **options: Any) -> None:
         super().__init__()
         self.error: Callable = functools.partial(error, **options)
         self.convert_to_functional(network, "value_network", create_target_params=delay_value)
@@ -124,8 +119,8 @@ class SeedDQNLoss(LossModule):
 
     def forward(self, batch: Mapping) -> TensorDict:
         loss, chosen = self.measured(batch)
-        value = living_mean(chosen.detach(), batch)
-        return TensorDict({"loss": loss, "chosen_action_value": value}, loss.shape)
+        means = {"loss": loss, "chosen_action_value": living_mean(chosen.detach(), batch)}
+        return TensorDict(means, loss.shape)
 
 
 class FusedSoftUpdate(SoftUpdate):
@@ -146,7 +141,7 @@ class DQN(Algorithm):
     metrics = ("loss", "q_mean", "epsilon", "learning_rate")
     settings: DQNSettings
     explorers, error = EpsilonGreedy, staticmethod(q_error)
-    worth_compiling: float = WORTH_COMPILING
+    worth_compiling: float = 30_000  # updates, from which compiling one saves more time than it takes
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
         if env.world.is_continuous:
@@ -161,7 +156,7 @@ class DQN(Algorithm):
         self.loss = SeedDQNLoss(
             self.policy,
             delay_value=delayed,
-            error=type(self).error,
+            error=self.error,
             gamma=learning.discount,
             double=learning.double and delayed,
             loss_function=LOSSES[learning.loss],
@@ -169,14 +164,12 @@ class DQN(Algorithm):
         self.follow = FusedSoftUpdate(self.loss, tau=learning.target_rate) if delayed else None
         self.optimiser = fused_adam(self.policy.parameters())
         self.rows = max(1, learning.batch_size // length)  # of the buffer in a batch
-        size = max(1, learning.buffer_size // length)
-        self.buffer = SeedReplay(size, layout, len(env.seeds), env.device)
+        self.buffer = SeedReplay(max(1, learning.buffer_size // length), layout, len(env.seeds), env.device)
         self.update: Callable[[Mapping], tuple[Tensor, Tensor]] = self._update
         decisions = env.world.max_decisions
         rounds = learning.epochs * math.ceil(decisions / (learning.collect or decisions))
         if worth_compiling(settings, rounds * learning.updates, self.worth_compiling):
-            networks = (self.policy, self.loss.target_network)
-            self.update = CompiledUpdate(self.loss.error, *networks, self.optimiser, learning.target_rate)
+            self.update = CompiledUpdate(self.loss, self.optimiser, learning.target_rate)
 
     @staticmethod
     def design(settings: Settings) -> tuple[tuple[int, ...], Layout, int]:
@@ -227,8 +220,7 @@ class DQN(Algorithm):
         complete = decisions if self.env.all_finished() else max(0, decisions - self.settings.n_steps + 1)
         self.waiting = {key: now[complete:] for key, now in window.items()}
         if complete:
-            rows = returns(window, self.settings.discount, self.settings.n_steps)
-            self.buffer.extend(rows, complete)
+            self.buffer.extend(returns(window, self.settings.discount, self.settings.n_steps), complete)
         return complete > 0
 
     def learn(self, rollout: TensorDict, progress: float) -> dict[str, Tensor | float] | None:
@@ -240,7 +232,7 @@ class DQN(Algorithm):
             self.optimiser.param_groups[0]["lr"] = rate
             loss, chosen = self.update(batch)
             self.updates += 1
-        means = {"loss": loss, "q_mean": living_mean(chosen, batch)}
+        means: dict[str, Tensor | float] = {"loss": loss, "q_mean": living_mean(chosen, batch)}
         return means | {"epsilon": self.explorer.epsilon, "learning_rate": rate}
 
     def tensors(self) -> dict[str, Tensor]:

@@ -113,7 +113,6 @@ def train_through(executor: Executor, folder: Path, settings: Settings) -> None:
 
 def _advance_to_the_end(executor: Executor, run: RunFolder, settings: Settings) -> None:
     folder, epochs, every = run.path / runs.CHECKPOINTS, settings.learning.epochs, settings.checkpoint_every
-    checkpoints.tidy(folder)
     found = checkpoints.read_newest(folder, settings.identity())
     state = None if found is None else Piece(save(found[0]), found[1], [])
     done = 0 if state is None else state.record["epoch"]

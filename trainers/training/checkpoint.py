@@ -7,7 +7,6 @@ previous checkpoint valid.
 
 import hashlib
 import json
-import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -59,21 +58,12 @@ def read_newest(
     complaints: list[str] = []
     for path in reversed(_listed(folder)):
         try:
-            tensors, record = _read(path, settings, at_most)
+            return *_read(path, settings, at_most), complaints
         except _Damaged as error:
             complaints.append(f"checkpoint {path} is damaged: {error}")
-            continue
-        return tensors, record, complaints
     if complaints:
         raise CheckpointError("; ".join(complaints) + f"; to start again from epoch 0, remove {folder}")
     return None
-
-
-def tidy(folder: Path) -> None:
-    """Remove what killed writes left behind; only for the one process that owns the run."""
-    if folder.is_dir():
-        for path in folder.glob(".epoch_*"):
-            shutil.rmtree(path, ignore_errors=True)
 
 
 class _Damaged(Exception):
@@ -116,7 +106,7 @@ def _checksum(manifest: dict[str, Any], data: bytes) -> str:
 
 def _listed(folder: Path) -> list[Path]:
     """Checkpoints by epoch; what a killed write left behind is not among them."""
-    if not folder.is_dir():
-        return []
-    found = [path for path in folder.iterdir() if re.fullmatch(r"epoch_\d+", path.name) and path.is_dir()]
-    return sorted(found, key=lambda path: int(path.name.removeprefix("epoch_")))
+    numbers = {path: path.name.removeprefix("epoch_") for path in folder.glob("epoch_*") if path.is_dir()}
+    return sorted(
+        (path for path in numbers if numbers[path].isdecimal()), key=lambda path: int(numbers[path])
+    )

@@ -60,9 +60,8 @@ class Training:
         self.validation = Validation(world.replace(life=checked.life), checked.cells, self.seeds, device)
         self.epoch = 0
         self.decisions = 0
-        self.untrained = np.full(
-            len(self.seeds), np.nan
-        )  # validation gain before the first epoch, once known
+        self.unknown = np.full(len(self.seeds), np.nan)
+        self.untrained = self.unknown  # validation gain before the first epoch, once known
         self.best_gain = np.full(len(self.seeds), -np.inf)
         self.best_epoch = np.zeros(len(self.seeds), np.int64)
         self.best = {name: tensor.clone() for name, tensor in self.algorithm.policy.state_dict().items()}
@@ -81,14 +80,12 @@ class Training:
             progress = (self.epoch + int(env.decision[0]) / env.world.max_decisions) / epochs
             rollout = algorithm.collect(progress)
             self._check_rewards(rollout)
-            measured = algorithm.learn(rollout, progress)
-            rounds += [] if measured is None else [measured]
+            if (measured := algorithm.learn(rollout, progress)) is not None:
+                rounds.append(measured)
         self.decisions += int(env.decision[0])
         self.epoch += 1
-        gain = np.full(len(self.seeds), np.nan)
-        if self.epoch % self.settings.validation.every == 0 or self.epoch == epochs:
-            gain = self._validate()
-        self._measure(rounds, gain)
+        due = self.epoch % self.settings.validation.every == 0 or self.epoch == epochs
+        self._measure(rounds, self._validate() if due else self.unknown)
 
     def _validate(self) -> np.ndarray:
         """Mean gain (seeds,) of the greedy policies; the best one of each seed is kept."""
@@ -131,32 +128,23 @@ class Training:
         epoch's rounds of what differs between seeds, and the last of what does not; gain, fraction_of_limit:
         validation (NaN where none was due).
         """
-        row = np.empty((len(self.seeds), len(self.measured)))
+        row, algorithm = np.empty((len(self.seeds), len(self.measured))), self.algorithm
         means = self.env.gain().double().reshape(len(self.seeds), -1).mean(-1)
-        columns: dict[str, Any] = {
-            "training_gain": means.cpu().numpy(),
-            **{name: _over_rounds([each[name] for each in rounds]) for name in self.algorithm.metrics},
-            "decisions": self.decisions,
-            "updates": self.algorithm.updates,
-            "gain": gain,
-            "fraction_of_limit": self._of_limit(gain),
-        }
-        for place, name in enumerate(self.measured):
-            row[:, place] = columns[name]
-            if name not in AFTER:
-                self._check_finite(name, row[:, place])
-        weights = sum(
-            each.double().flatten(1).sum(-1) for each in self.algorithm.policy.state_dict().values()
-        )
+        own = (_over_rounds([each[name] for each in rounds]) for name in algorithm.metrics)
+        after = self.decisions, algorithm.updates, gain, self._of_limit(gain)
+        for place, values in enumerate((means.cpu().numpy(), *own, *after)):
+            row[:, place] = values
+        for place in range(len(self.measured) - len(AFTER)):
+            self._check_finite(self.measured[place], row[:, place])
+        weights = sum(each.double().flatten(1).sum(-1) for each in algorithm.policy.state_dict().values())
         self._check_finite("sum of the weights", weights.cpu().numpy())
         self.measures = np.concatenate([self.measures, row[None]])
 
     def _of_limit(self, gain: np.ndarray) -> np.ndarray:
         """Gain (seeds,) as a fraction of the limit; NaN where there is none above 0."""
-        nothing = np.full(len(self.seeds), np.nan)
         if np.isnan(gain).all() or (limits := self.validation.limits) is None:
-            return nothing
-        return np.divide(gain, limits, out=nothing, where=limits > 0)
+            return self.unknown
+        return np.divide(gain, limits, out=self.unknown.copy(), where=limits > 0)
 
     # --- what is told of it ---------------------------------------------------------------------------------
 

@@ -1,5 +1,6 @@
 """Runs: a training in its folder. A run that is stopped anywhere goes on as if it had never been."""
 
+import shlex
 import signal
 import threading
 import time
@@ -97,11 +98,12 @@ def complete(training: Training, run: RunFolder, *, report: Report | None = None
             with dispensable(run.path / runs.FIGURE):
                 draw(training, run)
             run.mark_finished()
-            return _test(training.settings, run)
+            wanted = training.settings.evaluate and not (run.path / runs.TEST).exists()
+            return _test(training.settings, run) if wanted else None
     except (OSError, MemoryError, KeyboardInterrupt) as error:
         if not isinstance(error, Interrupted):
             error.add_note("what was saved before is kept")
-        error.add_note(f"to go on: swarm train resume={run.quoted}")
+        error.add_note(f"to go on: swarm train resume={shlex.quote(str(run.path))}")
         raise
 
 
@@ -109,18 +111,16 @@ def test(settings: Settings, run: RunFolder) -> Evaluation | None:
     """Test the policy of a finished run where that is wanted and was not done; raises RunError where another
     process works on the run.
     """
-    if settings.evaluate and not (run.path / runs.TEST).exists():
-        with run.owned():
-            return _test(settings, run)
-    return None
+    if not settings.evaluate or (run.path / runs.TEST).exists():
+        return None
+    with run.owned():
+        return _test(settings, run)
 
 
-def _test(settings: Settings, run: RunFolder) -> Evaluation | None:
+def _test(settings: Settings, run: RunFolder) -> Evaluation:
     from swarm.figures.evaluation import save_evaluation
 
     folder, wanted = run.path / runs.TEST, settings.evaluation
-    if not settings.evaluate or folder.exists():
-        return None
     options = {name: getattr(wanted, name) for name in ("cells", "worlds", "life", "seed")}
     tested = evaluate(run.path, settings.test_world(), experiment=settings.experiment, **options)
     save_evaluation(tested, folder)
@@ -157,7 +157,6 @@ def _go_on(training: Training, run: RunFolder) -> None:
     one.
     """
     folder, settings = run.path / runs.CHECKPOINTS, training.settings
-    checkpoints.tidy(folder)
     at_most = snapshots.largest(training) if folder.is_dir() else 0
     found = checkpoints.read_newest(folder, settings.identity(), at_most=at_most)
     if found is not None:
@@ -188,16 +187,9 @@ def _epoch(training: Training, run: RunFolder, log: Log) -> float:
 
 def timing_of(training: Training, decisions: int, updates: int, seconds: float) -> dict[str, Any]:
     """The row of timings of the epoch that was begun after so many decisions and updates."""
-    return {
-        "epoch": training.epoch,
-        "seconds": seconds,
-        "decisions_per_second": _rate(training.decisions - decisions, seconds),
-        "updates_per_second": _rate(training.algorithm.updates - updates, seconds),
-    }
-
-
-def _rate(number: int, seconds: float) -> float | None:
-    return number / seconds if seconds > 0 else None  # of a clock that stands
+    done = training.decisions - decisions, training.algorithm.updates - updates
+    rates = [number / seconds if seconds > 0 else None for number in done]  # of a clock that stands
+    return dict(zip(runs.TIMING_COLUMNS, (training.epoch, seconds, *rates), strict=True))
 
 
 def save_policies(training: Training, run: RunFolder) -> None:

@@ -27,26 +27,26 @@ def record_of(training: Training) -> dict[str, int]:
     return own | training.algorithm.counters()
 
 
-def _template(training: Training) -> dict[str, Tensor]:
-    """The tensors of a training that has not begun."""
+def _template(training: Training) -> tuple[dict[str, Tensor], dict[str, int]]:
+    """The tensors of a training that has not begun, and those whose first axis grows, with the length that it
+    has at most.
+    """
     training.env.restart()
     held = tensors_of(training)
     training.env.set_seeds(training.seeds)  # as if there had been no life
-    return held
-
-
-def _growing(training: Training) -> dict[str, int]:
-    """The tensors whose first axis grows, and the length that it has at most."""
-    return training.algorithm.growing() | {"measures": training.settings.learning.epochs}
+    return held, training.algorithm.growing() | {"measures": training.settings.learning.epochs}
 
 
 def largest(training: Training) -> int:
     """Bytes that the tensor file of a checkpoint can have at most."""
-    growing, size = _growing(training), HEADER
-    for name, value in _template(training).items():
-        one = value.new_zeros(1, *value.shape[1:])
-        size += growing[name] * one.nbytes if name in growing else value.nbytes
-    return size
+    template, growing = _template(training)
+    one = {
+        name: value.new_zeros(1, *value.shape[1:]).nbytes
+        for name, value in template.items()
+        if name in growing
+    }
+    rest = sum(value.nbytes for name, value in template.items() if name not in growing)
+    return HEADER + rest + sum(growing[name] * size for name, size in one.items())
 
 
 def restore(training: Training, tensors: dict[str, Tensor], record: dict[str, int]) -> None:
@@ -63,31 +63,26 @@ def restore(training: Training, tensors: dict[str, Tensor], record: dict[str, in
         tensor.copy_(tensors[f"best.{name}"])
     for name in ("best_gain", "best_epoch", "measures"):
         setattr(training, name, tensors[name].numpy())
-    training.env.load_state_dict_of_env(
-        {name.removeprefix("env."): value for name, value in tensors.items() if name.startswith("env.")}
-    )
+    of_env = {name: value for name, value in tensors.items() if name.startswith("env.")}
+    training.env.load_state_dict_of_env({name.removeprefix("env."): of_env[name] for name in of_env})
     training.epoch, training.decisions = record["epoch"], record["decisions"]
 
 
 def _check(training: Training, tensors: dict[str, Tensor], record: dict[str, int]) -> None:
     """Raises CheckpointError unless these are the tensors and counters of such a run."""
-    epochs, template, growing = training.settings.learning.epochs, _template(training), _growing(training)
+    epochs, (template, growing) = training.settings.learning.epochs, _template(training)
     for name in record_of(training):
         if type(record.get(name)) is not int or record[name] < 0:
             raise CheckpointError(f"checkpoint's {name} must be a whole number, got {record.get(name)!r}")
-    if tensors.keys() != template.keys():
-        other = ", ".join(sorted(tensors.keys() ^ template.keys()))
+    if other := ", ".join(sorted(tensors.keys() ^ template.keys())):
         raise CheckpointError(f"checkpoint must hold what this run needs, but differs in {other}")
     for name, expected in template.items():
         value, shape = tensors[name], tuple(expected.shape)
         if name in growing and value.ndim and 0 < len(value) <= growing[name]:
             shape = (len(value), *shape[1:])
-        if value.dtype != expected.dtype or tuple(value.shape) != shape:
-            raise CheckpointError(
-                f"checkpoint's {name} must be {expected.dtype} {shape}, "
-                f"got {value.dtype} {tuple(value.shape)}"
-            )
+        if (value.dtype, tuple(value.shape)) != (expected.dtype, shape):
+            rule = f"checkpoint's {name} must be {expected.dtype} {shape}"
+            raise CheckpointError(f"{rule}, got {value.dtype} {tuple(value.shape)}")
     if record["epoch"] > epochs or len(tensors["measures"]) != record["epoch"]:
-        raise CheckpointError(
-            f"checkpoint's epoch must be at most {epochs}, with metrics of each, got {record['epoch']}"
-        )
+        rule = f"checkpoint's epoch must be at most {epochs}, with metrics of each"
+        raise CheckpointError(f"{rule}, got {record['epoch']}")
