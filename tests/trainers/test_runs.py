@@ -116,7 +116,7 @@ def test_what_killed_writes_left_behind_is_removed_and_nothing_else(tmp_path):
     mine = [".lock", ".hidden", ".notes.txt", ".git.0123456789ag", "metrics.csv"]
     for name in mine:
         (run.path / name).write_text("mine")
-    of_seed, elsewhere = run.seed_folder(3), tmp_path / "elsewhere"
+    of_seed, elsewhere = run.path / "seed_3", tmp_path / "elsewhere"
     (run.path / "seed_4").symlink_to(elsewhere)
     for folder in (of_seed, elsewhere):
         folder.mkdir()
