@@ -82,10 +82,8 @@ def test_loss_and_gradient_are_those_of_torchrl(kind, double, delay_value):
 
 def test_cells_that_were_not_alive_count_for_nothing():
     ours, batch = loss_of(2), transitions(2, 64)
-    whole = ours(
-        {key: value[:, :40] for key, value in batch.items()} | {("collector", "mask"): torch.ones(2, 40) > 0}
-    )
     batch["collector", "mask"] = torch.arange(64).expand(2, 64) < 40
+    whole = ours({key: value[:, :40] for key, value in batch.items()})
     batch["next", "reward"][:, 40:] = torch.inf
     assert torch.allclose(whole["loss"], ours(batch)["loss"], rtol=1e-5)
     batch["collector", "mask"] = torch.zeros(2, 64) > 0
@@ -111,30 +109,21 @@ def test_the_target_network_follows_as_torchrls():
 # --- returns over several decisions -------------------------------------------------------------------------
 
 
-def rollout(reward, ended, alive, observation=None):
+def rollout(reward, ended, alive, observation):
     """A rollout (decisions, cells)."""
-    observation = (
-        torch.arange(1.0, 1 + len(reward))[:, None].expand_as(reward) if observation is None else observation
-    )
     following = {"reward": reward, "terminated": ended, "observation": observation}
-    return {("next", name): part.unsqueeze(-1) for name, part in following.items()} | {
-        ("collector", "mask"): alive
-    }
-
-
-def parts_of(found):
-    """Reward, observation reached, steps to it, and whether it was the end (decisions, cells)."""
-    keys = (("next", "reward"), ("next", "observation"), "steps_to_next_obs", ("next", "terminated"))
-    return [found[key].squeeze(-1) for key in keys]
+    made = {("next", name): part.unsqueeze(-1) for name, part in following.items()}
+    return made | {("collector", "mask"): alive}
 
 
 @pytest.mark.parametrize("terminated", [False, True])
 def test_returns_end_with_the_life(terminated):
     reward, alive = torch.tensor([[1.0], [2.0], [0.0]]), torch.tensor([[True], [True], [False]])
     ends = torch.tensor([[False], [terminated], [False]])
-    total, reached, steps, ended = (
-        part.flatten().tolist()[:2] for part in parts_of(returns(rollout(reward, ends, alive), 0.5, 3))
-    )
+    observation = torch.tensor([[1.0], [2.0], [3.0]])
+    found = returns(rollout(reward, ends, alive, observation), 0.5, 3)
+    keys = (("next", "reward"), ("next", "observation"), "steps_to_next_obs", ("next", "terminated"))
+    total, reached, steps, ended = (found[key].flatten().tolist()[:2] for key in keys)
     assert (total, reached, steps) == ([2.0, 2.0], [2.0, 2.0], [2, 1])
     assert ended == [terminated, terminated]
 
@@ -210,14 +199,10 @@ def taught(settings, rounds=3):
     return made
 
 
-def test_a_target_rate_of_one_means_one_network_for_both():
-    made = begun(short_settings("paper"))
+def test_a_target_rate_of_one_means_one_network_and_the_learning_rate_is_that_of_every_update():
+    made = begun(short_settings("paper", learning={"updates": 3, "collect": 2}))
     assert made.loss.target_network is made.policy
     assert made.follow is None
-
-
-def test_the_learning_rate_is_that_of_every_update():
-    made = begun(short_settings("paper", learning={"updates": 3, "collect": 2}))
     rates, update = [], made.update
     made.update = lambda batch: rates.append(made.optimiser.param_groups[0]["lr"]) or update(batch)
     for _ in range(2):

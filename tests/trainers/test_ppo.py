@@ -149,13 +149,3 @@ def test_every_command_tells_a_run_of_ppo_from_one_of_dqn():
     assert {line.split()[0] for line in out.splitlines()[1:]} == set(algorithms)
     assert run("export", "drqn", "--format", "json")[0] == 0
     assert "format must be json for a recurrent network" in run("export", "drqn", "--format", "onnx")[2]
-
-
-@pytest.mark.slow
-def test_a_sweep_is_over_algorithms():
-    words = (*RUN, "algorithm=dqn,ppo", "hydra.sweep.dir=both", "hydra/launcher=basic")
-    assert run("train", "-m", *words)[0] == 0
-    assert {path.name: load_policy(path).algorithm for path in Path("both").iterdir()} == {
-        "algorithm=dqn": "dqn",
-        "algorithm=ppo": "ppo",
-    }
