@@ -5,7 +5,6 @@ generation: each world of a seed is steered by a candidate of its own, whose fit
 """
 
 import copy
-import functools
 import warnings
 from collections.abc import Mapping
 from typing import Any, cast
@@ -70,12 +69,9 @@ class Evolution(Algorithm):
         self.noise: list[np.random.Generator] = []
         self.searches: list[Any] = []
         for place, start in enumerate(_flat(self.policy)):
-            normal = functools.partial(self._normal, place)
+            normal = lambda *size, place=place: self.noise[place].standard_normal(size)  # noqa: E731
             options = {"popsize": shape[1], "seed": np.nan, "verbose": -9, "randn": normal}
             self.searches.append(CMAEvolutionStrategy(start, self.settings.step_size, options))
-
-    def _normal(self, place: int, *size: int) -> np.ndarray:
-        return self.noise[place].standard_normal(size)
 
     def _ask(self, epoch: int) -> None:
         """The candidates of a generation; its random numbers are its own."""

@@ -46,9 +46,7 @@ class Block(NamedTuple):
     @property
     def columns(self) -> slice:
         """Its rows in the population of a seed."""
-        return slice(
-            self.first, self.first + (self.worlds[1] - self.worlds[0]) * (self.cells[1] - self.cells[0])
-        )
+        return slice(self.first, (self.worlds[1] - 1) * self.n_swimmers + self.cells[1])
 
     def of(self, whole: np.ndarray) -> np.ndarray:
         """The view of what is the block's of an array (seeds, worlds, ...)."""
@@ -129,11 +127,9 @@ class SpreadCollector(SeedCollector):
     """
 
     def __init__(self, whole: SeedCollector | None, settings: Settings, submit: Submit = Here) -> None:
-        if whole is None or type(whole) is not SeedCollector:
-            raise ValueError(
-                f"learning.block must be 0 where {type(whole).__name__} collects, got "
-                f"{settings.learning.block}"
-            )
+        if type(whole) is not SeedCollector:
+            rule = f"learning.block must be 0 where {type(whole).__name__} collects"
+            raise ValueError(f"{rule}, got {settings.learning.block}")
         super().__init__(whole.env, check_portable(whole.policy))
         self.settings, self.submit, self.blocks = settings, submit, blocks_of(settings.learning)
         self._begun: tuple[tuple[int, int], list[Future]] | None = None  # at which moment, and which tasks
@@ -153,22 +149,18 @@ class SpreadCollector(SeedCollector):
 
         Cells of a block whose lives have all ended wait for the others'.
         """
-        whole, states, lengths = Arrays(), list[Arrays](), list[int]()
+        whole, states, length = Arrays(), list[Arrays](), 0
         for block in self.blocks:
             rollout, state = tasks.pop(0).result()
             states.append(state)
-            lengths.append(len(rollout[ALIVE]))
+            length = max(length, len(rollout[ALIVE]))
             for name, part in rollout.items():
                 if name not in whole:
                     shape = decisions + (name == SEEN), part.shape[1], self.cells, *part.shape[3:]
                     whole[name] = np.empty(shape, part.dtype)
-                whole[name][: len(part), :, block.columns] = part
-        length = max(lengths)
-        for block, ended in zip(self.blocks, lengths, strict=True):
-            for name, each in whole.items() if ended < length else ():
-                last = ended + (name == SEEN)
-                rest = each[last : length + (name == SEEN), :, block.columns]
-                rest[...] = OVER.get(name, each[last - 1, :, block.columns])
+                of_block = whole[name][:, :, block.columns]
+                of_block[: len(part)] = part
+                of_block[len(part) :] = OVER.get(name, part[-1])
         tensors = {name: torch.from_numpy(each).to(self.env.device or "cpu") for name, each in whole.items()}
         seen = tensors[SEEN]
         tensors = {name: each[:length] for name, each in tensors.items()} | {FOLLOWS: seen[1 : length + 1]}

@@ -24,7 +24,8 @@ from trainers.training.run_folder import RunError
 from trainers.training.validation import Validation
 
 WORTH_COMPILING = 3e8  # decisions of a cell, from which compiling them saves more time than it takes
-BEFORE, AFTER = ("training_gain",), ("decisions", "updates", "gain", "fraction_of_limit")
+COUNTS = ("decisions", "updates")
+BEFORE, AFTER = ("training_gain",), (*COUNTS, "gain", "fraction_of_limit")
 
 
 class TrainingError(RunError):
@@ -100,26 +101,21 @@ class Training:
         return gain
 
     def _check_rewards(self, rollout: TensorDict) -> None:
-        """Raises TrainingError where a reward is not finite."""
         reward = rollout["next", "reward"]
         if math.isfinite(reward.sum()):
             return
-        wrong = (~reward.isfinite()).nonzero()
-        if len(wrong):
-            _, place, cell, _ = wrong[0].tolist()
+        for decision, place, cell, _ in (~reward.isfinite()).nonzero().tolist():
+            where = f"for cell {cell} of seed {self.seeds[place]} in epoch {self.epoch + 1}"
+            value = reward[decision, place, cell].item()
             raise TrainingError(
-                f"reward must be finite, got {reward[tuple(wrong[0])]} for cell {cell} of "
-                f"seed {self.seeds[place]} in epoch {self.epoch + 1}: the field or the flow gives such values"
+                f"reward must be finite, got {value} {where}: the field or the flow gives such values"
             )
 
     def _check_finite(self, name: str, values: np.ndarray) -> None:
-        """Raises TrainingError where a seed's value (seeds,) is not finite."""
         for seed, value in zip(self.seeds, values, strict=True):
             if not np.isfinite(value):
-                raise TrainingError(
-                    f"{name} must be finite, got {value} in epoch {self.epoch} of seed {seed}: "
-                    "a lower learning.learning_rate may help"
-                )
+                where = f"in epoch {self.epoch} of seed {seed}: a lower learning.learning_rate may help"
+                raise TrainingError(f"{name} must be finite, got {value} {where}")
 
     def _measure(self, rounds: list[dict[str, Tensor | float]], gain: np.ndarray) -> None:
         """This epoch's row of metrics for each seed; raises TrainingError where something is not finite.
@@ -161,10 +157,10 @@ class Training:
         """Rows of metrics.csv from epoch `first` + 1 on."""
         for index in range(first, len(self.measures)):
             for place, seed in enumerate(self.seeds):
-                values = dict(zip(self.measured, self.measures[index, place].tolist(), strict=True))
-                whole = {name: int(values.pop(name)) for name in ("decisions", "updates")}
-                kept = {name: None if np.isnan(value) else value for name, value in values.items()}
-                yield {"epoch": index + 1, "seed": seed, **kept, **whole}
+                row: dict[str, Any] = {"epoch": index + 1, "seed": seed}
+                for name, value in zip(self.measured, self.measures[index, place].tolist(), strict=True):
+                    row[name] = None if np.isnan(value) else int(value) if name in COUNTS else value
+                yield row
 
     def policies(self) -> list[Network]:
         """The kept policy of every seed."""

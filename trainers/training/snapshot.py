@@ -39,14 +39,11 @@ def _template(training: Training) -> tuple[dict[str, Tensor], dict[str, int]]:
 
 def largest(training: Training) -> int:
     """Bytes that the tensor file of a checkpoint can have at most."""
-    template, growing = _template(training)
-    one = {
-        name: value.new_zeros(1, *value.shape[1:]).nbytes
-        for name, value in template.items()
-        if name in growing
-    }
-    rest = sum(value.nbytes for name, value in template.items() if name not in growing)
-    return HEADER + rest + sum(growing[name] * size for name, size in one.items())
+    size, (template, growing) = HEADER, _template(training)
+    for name, value in template.items():
+        one = value.new_zeros(1, *value.shape[1:]).nbytes
+        size += growing[name] * one if name in growing else value.nbytes
+    return size
 
 
 def restore(training: Training, tensors: dict[str, Tensor], record: dict[str, int]) -> None:

@@ -23,12 +23,7 @@ class Validation:
     def __init__(self, world: World, cells: int, seeds: list[int], device: str | None = None) -> None:
         self.world, self.seeds = world, seeds
         self.env = SwarmEnv(
-            len(seeds),
-            device,
-            n_swimmers=cells,
-            seeds=seeds,
-            population="validation",
-            world=world,
+            len(seeds), device, n_swimmers=cells, seeds=seeds, population="validation", world=world
         )
         self._starts = [draw_starts(world, cells, seed, population="validation") for seed in seeds]
 
