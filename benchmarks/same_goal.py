@@ -23,8 +23,7 @@ import torch
 
 from trainers.settings.composition import settings_from
 from trainers.settings.schema import Settings
-from trainers.training.loop import Training
-from trainers.training.validation import Validation
+from trainers.training.loop import Training, Validation
 
 MARKS = (0.97, 0.99)
 AT_MOST = 1.0  # of Stable-Baselines3's time

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from trainers.settings.composition import settings_from
-from trainers.training import snapshot
+from trainers.training import checkpoint
 from trainers.training.checkpoint import CheckpointError
 from trainers.training.loop import Training
 
@@ -44,7 +44,7 @@ def test_a_search_that_is_stopped_goes_on_bit_for_bit_and_alone_as_in_a_stack(hi
     state = np.random.get_state()[1].tolist(), torch.random.get_rng_state().tolist()  # noqa: NPY002
     trained(whole, 3)
     trained(stopped, 2)
-    snapshot.restore(later, snapshot.tensors_of(stopped), snapshot.record_of(stopped))
+    checkpoint.restore(later, checkpoint.tensors_of(stopped), checkpoint.record_of(stopped))
     trained(later, 3)
     np.testing.assert_array_equal(later.measures, whole.measures)
     for name, tensor in whole.algorithm.tensors().items():
@@ -66,7 +66,7 @@ def test_each_candidate_lives_in_its_world_whatever_the_blocks():
 def test_a_checkpoint_with_a_fitness_that_is_no_number_is_refused():
     settings = settings_from(SMALL)
     stopped = trained(Training(settings), 1)
-    held, record = snapshot.tensors_of(stopped), snapshot.record_of(stopped)
+    held, record = checkpoint.tensors_of(stopped), checkpoint.record_of(stopped)
     held["fitness"][0, 0, 0] = np.nan
     with pytest.raises(CheckpointError, match="fitness must be finite"):
-        snapshot.restore(Training(settings), held, record)
+        checkpoint.restore(Training(settings), held, record)

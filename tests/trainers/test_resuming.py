@@ -12,8 +12,8 @@ from tests.short_runs import NOISE, Crash, assert_equal_runs, go_on, short_setti
 from trainers.algorithms.dqn import DQN
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run as running
+from trainers.training.loop import Validation
 from trainers.training.run_folder import RunFolder
-from trainers.training.validation import Validation
 
 CROWD = {
     "medium": {

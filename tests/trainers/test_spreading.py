@@ -18,9 +18,9 @@ from trainers.algorithms.spread import SpreadCollector, blocks_of, collected
 from trainers.jobs.executors import Processes
 from trainers.settings.learning import DQNSettings
 from trainers.training import run as running
+from trainers.training.checkpoint import tensors_of
 from trainers.training.loop import Training
 from trainers.training.run_folder import RunFolder
-from trainers.training.snapshot import tensors_of
 
 GRID = {"box": [[-1.0, 2.0], [-1.0, 2.0]], "shape": [20, 20], "uptake": 0.01, "diffusivity": 0.02}
 MEDIUM = {"medium": GRID, "interval_rule": "common", "start_box": [[0.0, 1.0], [0.0, 1.0]]}

@@ -112,6 +112,12 @@ def worth_compiling(settings: Settings, amount: float, pays_from: float) -> bool
     return settings.compile == "always" or (settings.compile == "auto" and amount >= pays_from)
 
 
+def living_mean(each: Tensor, batch: Mapping) -> Tensor:
+    """The mean (seeds,) of numbers (seeds, ...) over the cells of a batch (seeds, ...) that were alive."""
+    alive = batch["collector", "mask"].flatten(1)
+    return torch.where(alive, each.flatten(1), 0.0).sum(-1) / alive.sum(-1).clamp_min(1)
+
+
 def fused_adam(parameters: Iterable[nn.Parameter]) -> Adam:
     """Torch's Adam (Kingma and Ba 2015), whose state is there from the beginning."""
     optimiser = Adam(parameters, fused=True)

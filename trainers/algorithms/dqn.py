@@ -19,7 +19,14 @@ from torchrl.objectives import LossModule, SoftUpdate
 from torchrl.objectives.utils import distance_loss
 
 from swarm.envs.torchrl import SwarmEnv
-from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at, worth_compiling
+from trainers.algorithms.base import (
+    Algorithm,
+    fused_adam,
+    held_by,
+    learning_rate_at,
+    living_mean,
+    worth_compiling,
+)
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.compiled import CompiledUpdate
 from trainers.algorithms.networks import memory_of, seed_mlp
@@ -87,12 +94,6 @@ def of_values(
         goal = torch.addcmul(batch["next", "reward"], discount, best)
     chosen = values.gather(-1, batch["action"].unsqueeze(-1))
     return living_mean(distance_loss(chosen, goal, loss_function), batch), chosen
-
-
-def living_mean(each: Tensor, batch: Mapping) -> Tensor:
-    """The mean (seeds,) of numbers (seeds, ..., 1) over the cells of a batch (seeds, ...) that were alive."""
-    alive = batch["collector", "mask"].flatten(1)
-    return torch.where(alive, each.flatten(1), 0.0).sum(-1) / alive.sum(-1).clamp_min(1)
 
 
 class SeedDQNLoss(LossModule):

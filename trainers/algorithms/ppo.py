@@ -13,7 +13,7 @@ from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
 from swarm.envs.torchrl import SwarmEnv
-from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at
+from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at, living_mean
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.networks import best, memory_of, seed_mlp
 from trainers.settings.learning import PPOSettings
@@ -160,9 +160,8 @@ class PPO(Algorithm):
         self.optimiser.param_groups[0]["lr"] = rate
         for batch in self.batches(rows):
             parts: Any = self.loss(batch)
-            alive = batch["collector", "mask"]
             each = parts["loss_objective"] + parts["loss_entropy"] + parts["loss_critic"]
-            loss = torch.where(alive, each, 0.0).sum(-1) / alive.sum(-1).clamp_min(1)  # (seeds,)
+            loss = living_mean(each, batch)
             self.optimiser.zero_grad()
             loss.sum().backward()
             clip_by_seed(self.optimiser.param_groups[0]["params"], self.settings.max_gradient)
