@@ -6,7 +6,7 @@ state the cell had then, and with decisions that only bring it up to date (R2D2,
 
 import math
 from collections.abc import Callable, Mapping
-from typing import cast
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -71,9 +71,13 @@ class DRQN(DQN):
         inputs, nodes = learning.seen * world.features, learning.nodes
         length = learning.collect or world.max_decisions
         steps = learning.burn_in + length
-        layout = {"hidden": ((nodes,), torch.float32), "seen": ((steps + 1, inputs), torch.float32)}
-        each = {key: ((steps, *shape), dtype) for key, (shape, dtype) in transitions(inputs).items()}
-        layout |= {key: part for key, part in each.items() if "observation" not in key}
+        layout: dict[Any, Any] = {
+            "hidden": ((nodes,), torch.float32),
+            "seen": ((steps + 1, inputs), torch.float32),
+        }
+        for key, (shape, dtype) in transitions(inputs).items():
+            if "observation" not in key:
+                layout[key] = ((steps, *shape), dtype)
         return (inputs, nodes, *learning.hidden, world.n_actions), layout, length
 
     def network(self, sizes: tuple[int, ...]) -> RecurrentMLP:
