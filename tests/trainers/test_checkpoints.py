@@ -117,14 +117,6 @@ def test_where_all_are_damaged_the_error_names_them_and_what_to_do(tmp_path):
     assert "\n" not in str(error.value)
 
 
-def test_one_of_other_settings_is_refused_and_the_keys_named(tmp_path):
-    save(tmp_path, 1)
-    with pytest.raises(CheckpointError, match=r"epoch_000001 must come from this run, .* experiment, seed$"):
-        read_newest(tmp_path, SETTINGS | {"seed": 1, "experiment": "radial"})
-    with pytest.raises(CheckpointError, match="differs from its settings in device"):
-        read_newest(tmp_path, SETTINGS | {"device": "cuda"})
-
-
 def test_one_of_a_newer_version_is_refused_not_called_damaged(tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoints, "FORMAT", checkpoints.FORMAT + 1)
     save(tmp_path, 1)
@@ -133,14 +125,6 @@ def test_one_of_a_newer_version_is_refused_not_called_damaged(tmp_path, monkeypa
         CheckpointError, match=r"must have format 2, .* got 3: go on with the version that wrote it"
     ):
         read_newest(tmp_path, SETTINGS)
-
-
-def test_files_larger_than_expected_are_not_read(tmp_path):
-    save(tmp_path, 1)
-    size = (tmp_path / "epoch_000001" / TENSORS).stat().st_size
-    read_newest(tmp_path, SETTINGS, at_most=size)
-    with pytest.raises(CheckpointError, match=f"must have at most {size - 1} bytes, got {size}"):
-        read_newest(tmp_path, SETTINGS, at_most=size - 1)
 
 
 OPERATIONS = [

@@ -11,11 +11,11 @@ from torchrl.data import Categorical, MultiStep
 from torchrl.modules import QValueActor
 from torchrl.objectives import DQNLoss, SoftUpdate
 
-from swarm.torchrl_env import SwarmEnv
 from tests.short_runs import short_settings
 from tests.trainers.test_networks import network, stock
 from tests.trainers.test_replay import transitions
 from trainers.algorithms.base import learner_of
+from trainers.algorithms.collector import training_env
 from trainers.algorithms.dqn import FusedSoftUpdate, SeedDQNLoss, q_error
 from trainers.algorithms.networks import SeedLinear
 from trainers.algorithms.replay import returns
@@ -147,9 +147,7 @@ def test_returns_are_those_of_torchrl():
 
 def begun(settings):
     """An algorithm, whose first lives have begun."""
-    learning, world = settings.learning, settings.training_world()
-    worlds = learning.n_worlds * settings.n_seeds
-    env = SwarmEnv(worlds, n_swimmers=learning.n_swimmers, seeds=settings.seeds, world=world)
+    env = training_env(settings, settings.learning.n_worlds, settings.learning.n_swimmers)
     env.restart()
     made = learner_of(settings)(env, settings)
     made.begin(0)

@@ -103,12 +103,3 @@ def test_a_refilled_buffer_goes_on_where_it_was(rows):
         each.extend(transitions(1, 3, 9, draw=3), 1)
     assert torch.equal(before.rows, after.rows)
     assert before.cursor == after.cursor
-
-
-@pytest.mark.parametrize(("cursor", "n_actions"), [(61, 2), (5, 1)])
-def test_what_cannot_come_from_such_a_buffer_is_refused(cursor, n_actions):
-    replay = filled()
-    with pytest.raises(
-        ValueError, match=r"buffer must have rows with actions from 0 to .*, and its cursor be at most 60"
-    ):
-        replay.refill(replay.rows.clone(), cursor, n_actions)

@@ -1,5 +1,7 @@
 """Collecting: what TorchRL's Collector does, for worlds that are shared out among seeds."""
 
+from typing import Any
+
 import torch
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModuleBase
@@ -7,9 +9,19 @@ from torch import Tensor
 
 from swarm._support import streams
 from swarm.envs.torchrl import SwarmEnv
+from trainers.settings.schema import Settings
 
 BLOCK = 64  # decisions whose random numbers are drawn at once
 UNIFORM = 2  # random numbers of a cell for each of its decisions
+
+
+def training_env(settings: Settings, n_worlds: int, n_swimmers: int, **options: Any) -> SwarmEnv:
+    """So many worlds of each seed, with so many cells each, where and on so many threads as settings say."""
+    torch.set_num_threads(settings.threads)
+    # TorchRL moves what it is given where the processor is named.
+    device = None if settings.device == "cpu" else settings.device
+    shared: dict[str, Any] = {"seeds": settings.seeds, "world": settings.training_world(), **options}
+    return SwarmEnv(n_worlds * len(settings.seeds), device, n_swimmers=n_swimmers, **shared)
 
 
 class SeedCollector:

@@ -17,8 +17,7 @@ from tensordict import TensorDict
 from torch import nn
 from torchrl.envs import EnvBase
 
-from swarm.envs.torchrl import SwarmEnv
-from trainers.algorithms.collector import SeedCollector
+from trainers.algorithms.collector import SeedCollector, training_env
 from trainers.settings.learning import LearningSettings
 from trainers.settings.schema import Settings
 
@@ -71,18 +70,11 @@ def collected(
     as it is: the rollout (decisions, seeds, cells, ...), of `observation` one more, what follows the last;
     and the state (seeds · worlds, ...) after them.
     """
-    torch.set_num_threads(settings.threads)
-    device = None if settings.device == "cpu" else settings.device
-    env = SwarmEnv(
-        len(settings.seeds) * (block.worlds[1] - block.worlds[0]),
-        device,
-        n_swimmers=block.cells[1] - block.cells[0],
-        seeds=settings.seeds,
-        first=block.first,
-        world=settings.training_world(),
-    )
-    before = {name: torch.from_numpy(each.copy()).to(device or "cpu") for name, each in state.items()}
-    steering: Any = copy.deepcopy(policy).to(device or "cpu")
+    (first, end), (left, right) = block.worlds, block.cells
+    env = training_env(settings, end - first, right - left, first=block.first)
+    device = env.device or "cpu"
+    before = {name: torch.from_numpy(each.copy()).to(device) for name, each in state.items()}
+    steering: Any = copy.deepcopy(policy).to(device)
     hidden = before.pop(HIDDEN, None)
     env.load_state_dict_of_env(before)
     if hidden is not None:

@@ -24,6 +24,7 @@ from swarm.policies.strategies import Greedy
 from swarm.population.blocks.block import lives
 from swarm.population.results import RIVAL
 from trainers.algorithms.base import learner_of, worth_compiling
+from trainers.algorithms.collector import training_env
 from trainers.algorithms.networks import best, exported, steered
 from trainers.algorithms.spread import Here, SpreadCollector, Submit
 from trainers.settings.schema import Settings
@@ -45,26 +46,18 @@ class Training:
 
     def __init__(self, settings: Settings, submit: Submit | None = None) -> None:
         torchrl_logger.setLevel(logging.WARNING)
-        torch.set_num_threads(settings.threads)
         self.settings, self.seeds = settings, settings.seeds
         learning, checked, world = settings.learning, settings.validation, settings.training_world()
-        worlds = learning.n_worlds * len(self.seeds)
-        decisions = worlds * learning.n_swimmers * learning.epochs * world.max_decisions
-        # Of environments; TorchRL moves what it is given where the processor is named.
-        device = None if settings.device == "cpu" else settings.device
-        self.env = SwarmEnv(
-            worlds,
-            device,
-            n_swimmers=learning.n_swimmers,
-            seeds=self.seeds,
-            compile_step=not learning.block and worth_compiling(settings, decisions, WORTH_COMPILING),
-            world=world,
-        )
+        cells = learning.n_worlds * len(self.seeds) * learning.n_swimmers
+        decisions = cells * learning.epochs * world.max_decisions
+        compiled = not learning.block and worth_compiling(settings, decisions, WORTH_COMPILING)
+        self.env = training_env(settings, learning.n_worlds, learning.n_swimmers, compile_step=compiled)
         self.algorithm = learner_of(settings)(self.env, settings)
         if learning.block:
             whole = getattr(self.algorithm, "collector", None)
             self.algorithm.collector = SpreadCollector(whole, settings, submit or Here)
-        self.validation = Validation(world.replace(life=checked.life), checked.cells, self.seeds, device)
+        validated = world.replace(life=checked.life)
+        self.validation = Validation(validated, checked.cells, self.seeds, self.env.device)
         self.epoch = 0
         self.decisions = 0
         self.unknown = np.full(len(self.seeds), np.nan)
@@ -208,7 +201,9 @@ class Validation:
     tested on.
     """
 
-    def __init__(self, world: World, cells: int, seeds: list[int], device: str | None = None) -> None:
+    def __init__(
+        self, world: World, cells: int, seeds: list[int], device: torch.device | None = None
+    ) -> None:
         self.world, self.seeds = world, seeds
         self.env = SwarmEnv(
             len(seeds), device, n_swimmers=cells, seeds=seeds, population="validation", world=world
