@@ -24,9 +24,7 @@ from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run_folder as runs
-from trainers.training import snapshot as snapshots
-from trainers.training.machine import memory_needed
-from trainers.training.run import prepare, timing_of, train_in
+from trainers.training.run import memory_needed, prepare, timing_of, train_in
 from trainers.training.run_folder import RunError, RunFolder
 
 RETRIES = 3  # of a block whose process was killed: memory that runs out would end each of them
@@ -88,14 +86,14 @@ def advance(settings: Settings, before: Piece | None, epochs: int) -> Piece:
     """So many further epochs of a training."""
     training = prepare(settings)
     if before is not None:
-        snapshots.restore(training, load(before.tensors), before.record)
+        checkpoints.restore(training, load(before.tensors), before.record)
     timings = []
     for _ in range(epochs):
         started, decisions, updates = time.perf_counter(), training.decisions, training.algorithm.updates
         training.run_epoch()
         timings.append(timing_of(training, decisions, updates, time.perf_counter() - started))
-    held = {name: value.cpu().contiguous() for name, value in snapshots.tensors_of(training).items()}
-    return Piece(save(held), snapshots.record_of(training), timings)
+    held = {name: value.cpu().contiguous() for name, value in checkpoints.tensors_of(training).items()}
+    return Piece(save(held), checkpoints.record_of(training), timings)
 
 
 def train_through(executor: Executor, folder: Path, settings: Settings) -> None:
@@ -113,7 +111,6 @@ def train_through(executor: Executor, folder: Path, settings: Settings) -> None:
 
 def _advance_to_the_end(executor: Executor, run: RunFolder, settings: Settings) -> None:
     folder, epochs, every = run.path / runs.CHECKPOINTS, settings.learning.epochs, settings.checkpoint_every
-    checkpoints.tidy(folder)
     found = checkpoints.read_newest(folder, settings.identity())
     state = None if found is None else Piece(save(found[0]), found[1], [])
     done = 0 if state is None else state.record["epoch"]

@@ -34,7 +34,7 @@ from trainers.jobs.study_plan import Plan, learnt, name_of, plan_of, stacks
 from trainers.jobs.sweep import MAX_NAME, trainings
 from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
-from trainers.training.machine import check_machine
+from trainers.training.run import check_machine
 from trainers.training.run_folder import RunError, RunFolder, is_run_folder
 
 FILE, DATASET, TABLE = "study.yaml", "study.nc", "study.csv"

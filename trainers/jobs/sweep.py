@@ -33,8 +33,7 @@ from trainers.settings.composition import (
     settings_from_stored,
 )
 from trainers.settings.schema import Settings
-from trainers.training.machine import check_machine
-from trainers.training.run import train_in
+from trainers.training.run import check_machine, train_in
 from trainers.training.run_folder import RunError, RunFolder, is_run_folder, part_done
 
 FOLDER, HYDRAS, HYDRAS_JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
