@@ -7,11 +7,11 @@ import pytest
 
 from swarm._support import files
 from tests.short_runs import short_settings
+from trainers.cli.trial import trial
 from trainers.jobs import cluster, remote, sweep
 from trainers.jobs.cluster import ClusterError, launched
 from trainers.jobs.executors import InProcess
 from trainers.jobs.sweep import _launcher
-from trainers.jobs.trial import trial
 from trainers.training.run import train_in
 
 FILES = ["gains.png", "population.nc", "summary.json"]

@@ -129,7 +129,7 @@ def test_what_is_added_is_trained_and_tested_alone_and_what_is_left_out_stays(tr
     assert more["gain"].sel(old).equals(first["gain"].sel(old))
     assert len(list(Path("out/runs").iterdir())) == len(trained) == 12
     assert tests < {path.name for path in Path("out/tests").iterdir()}
-    monkeypatch.setattr(studies, "lived", lambda *_: pytest.fail("tested again"))
+    monkeypatch.setattr(studies, "population_test", lambda *_, **__: pytest.fail("tested again"))
     other = {"depth": {"one": {}}, **STUDY["grid"]}  # an axis more, and runs that are there
     again = study(written(grid=other, figures=[]), Path("out"), **HERE).results
     assert again.isel(depth=0, drop=True).equals(first)
@@ -138,25 +138,25 @@ def test_what_is_added_is_trained_and_tested_alone_and_what_is_left_out_stays(tr
 
 @pytest.mark.slow
 def test_a_study_that_is_stopped_goes_on(trained, monkeypatch):
-    train, test, tested = sweep.train_in, studies.lived, []
+    train, tested = sweep.train_in, []
 
     def train_or_stop(path, settings):
         if len(trained) == 3:
             raise KeyboardInterrupt
         train(path, settings)
 
-    def test_or_fail(*arguments):
+    def test_or_fail(*arguments, **options):
         tested.append(arguments)
         if len(tested) == 3:
             raise ValueError("a field of nobody's")
-        return test(*arguments)
+        return population_test(*arguments, **options)
 
     file = written(figures=[])
     monkeypatch.setattr(sweep, "train_in", train_or_stop)
     with pytest.raises(KeyboardInterrupt):
         study(file, Path("out"), **HERE)
     monkeypatch.setattr(sweep, "train_in", train)
-    monkeypatch.setattr(studies, "lived", test_or_fail)
+    monkeypatch.setattr(studies, "population_test", test_or_fail)
     with pytest.raises(RunError, match=r"1 of 6 tests did not finish \(a field .* swarm study out goes on"):
         study(Path("out"), **HERE)
     assert len(trained) == 4
@@ -216,7 +216,8 @@ def test_the_egg_is_reached_where_there_is_one():
     assert came.any()
     shares = found.results["statistics"].isel(test=0).sel(experiment="radial", statistic="arrived")
     assert shares.values.tolist() == pytest.approx(came.mean("cell").values.tolist())
-    assert [row[-1] is None for row in found.table.rows] == [True, False]
+    place = found.table.headings.index("arrived")
+    assert [row[place] is None for row in found.table.rows] == [True, False]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`swarm train`: begin, go on, sweep."""
+"""`swarm train` and `study`: begin, go on, sweep, do all that a file asks for."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import time
 from collections.abc import Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from trainers.cli import options
 from trainers.cli.app import app
 from trainers.cli.listing import Listing
-from trainers.cli.told import print_test
+from trainers.cli.populations import print_test
 
 if TYPE_CHECKING:
     from trainers.settings.schema import Settings
@@ -157,3 +158,38 @@ def _complete(training: Training, run: RunFolder) -> None:
         tested = running.complete(training, run, report=report)
     print(f"trained in {time.perf_counter() - started:.1f} s; policy, metrics and figure are in {run.path}")
     print_test(tested)
+
+
+@app.command()
+def study(
+    source: Annotated[Path, typer.Argument(help="A study's file (.yaml), or its folder.", metavar="STUDY")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the study, new or its own; default: runs/NAME of the file.")
+    ] = None,
+    figure: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Draw a statistic against an axis, too; of a folder draw it and do nothing else.",
+            metavar="STATISTIC:AXIS[:AXIS=VALUE,...]",
+        ),
+    ] = None,
+    launcher: options.Launchers = None,
+    jobs: options.Jobs = None,
+    address: options.Address = None,
+) -> None:
+    """Train and test a grid of settings, seeds and tests; what is there is not done again."""
+    from swarm._support import files
+    from swarm._support.terminal import Told, print_table
+    from trainers.jobs import study as studies
+
+    if figure and files.expanded(source).is_dir():
+        if (out, launcher, jobs, address) != (None, None, None, None):
+            raise ValueError(f"--figure of a folder must come without --out and --launcher, got {source}")
+        for path in studies.draw(source, figure):
+            print(f"written to {path}")
+        return
+    with redirect_stdout(Told(sys.stdout)):  # what is told on the way
+        where = launcher or "processes", jobs, address
+        found = studies.study(source, out, figures=figure or (), where=where)
+    print_table(found.table.headings, found.table.texts)
+    print(f"dataset, table and figures are in {found.folder}")

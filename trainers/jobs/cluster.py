@@ -19,6 +19,8 @@ from swarm._support.checks import check_name
 from trainers.jobs.executors import InProcess, Processes
 from trainers.training.run_folder import RunError
 
+Where = tuple[str | None, int | None, str | None]  # launcher, jobs and address of `launched`
+HERE: Where = (None, None, None)
 LAUNCHERS = ("here", "processes", "ray")
 ANSWER = 10.0  # [s] an address has to answer
 CLIENT = "ray://"

@@ -85,6 +85,20 @@ def settings_from(words: Sequence[str] = ()) -> Settings:
     return checked(values)
 
 
+def written(value: Any) -> str:
+    """A value as it is written in a `key=value` word."""
+    match value:
+        case None | bool():
+            return json.dumps(value)
+        case dict():
+            return "{" + ", ".join(f"{key}: {written(each)}" for key, each in value.items()) + "}"
+        case list() | tuple():
+            return "[" + ", ".join(map(written, value)) + "]"
+        case str() if not re.fullmatch(r"[A-Za-z_][\w.]*", value):
+            return json.dumps(value, ensure_ascii=False)
+    return str(value)
+
+
 def key_of(word: str) -> str:
     """The key of a `key=value` word; raises SettingsError where it is none."""
     if re.match(r"\W*hydra(\W|$)", word):

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from swarm._support import files
 from swarm._support.checks import check_name
 from swarm._support.streams import BLOCK
 from swarm._support.tables import Table
-from swarm._support.terminal import Progress
+from swarm._support.terminal import Progress, tell
 from swarm.figures.evaluation import (
     POPULATION,
     SUMMARY,
@@ -24,16 +23,8 @@ from swarm.physics.world import World
 from swarm.population import contests, evaluation, noise
 from swarm.population.blocks.block import needed
 from swarm.population.blocks.storage import parts_of
-from trainers.jobs.cluster import Needs, Ray, launched
+from trainers.jobs.cluster import HERE, Needs, Ray, Where, launched
 from trainers.settings.composition import settings_of
-
-
-class Trial(NamedTuple):
-    """What was found."""
-
-    table: Table
-    save: Callable[[Path], None]  # into a new folder
-    tested: evaluation.Evaluation | None = None  # of a population test
 
 
 def trial(
@@ -50,9 +41,10 @@ def trial(
     share: float | None = None,
     record: str | None = None,
     out: Path | None = None,
-    where: tuple[str | None, int | None, str | None] = (None, None, None),
-) -> Trial:
-    """Tests a policy by the options of the command; None is an option that was left out.
+    where: Where = HERE,
+) -> evaluation.Evaluation | Table:
+    """Tests a policy by the options of the command, and writes what it finds to a new folder `out`; None is
+    an option that was left out. Returns a population test, or the table of something else.
 
     Where something is recorded by name, the lives go block by block to `out`, computed as `launched(*where)`
     says, and what is there already is gone on with. Raises ValueError for options that do not go together,
@@ -69,6 +61,8 @@ def trial(
         raise ValueError(f"--record must come without --against and several levels of --noise, got {record}")
     if record is None and where != (None, None, None):
         raise ValueError("--launcher, --jobs and --address must come with --record, got them alone")
+    if out is not None and record is None:
+        files.check_new_folder(out)
     settings = settings_of(policy, experiment)
     world, test = settings.test_world(), settings.evaluation
     options: dict[str, Any] = {"life": test.life if life is None else life, "seed": seed}
@@ -79,59 +73,67 @@ def trial(
     if len(strengths) > 1:
         with Progress("levels of noise", len(strengths)) as bar:
             swept = noise.sweep_noise(policy, world, strengths, kind=kind, progress=bar.show, **options)
-        return Trial(swept.table, functools.partial(save_noise_sweep, swept))
+        if out is not None:
+            save_noise_sweep(swept, out)
+        return swept.table
     (world,) = noise.check_levels(strengths, kind, world) if strengths else [world]
     if against is not None:
         options["share"] = 0.5 if share is None else share
         with Progress("contest", 1.0) as bar:
-            results = evaluation.compete(policy, against, world, **options, progress=bar.show)
-        return Trial(contests.table(results), functools.partial(save_contest, results))
+            raced = evaluation.compete(policy, against, world, **options, progress=bar.show)
+        if out is not None:
+            save_contest(raced, out)
+        return contests.table(raced)
+    options["experiment"] = settings.experiment
     if record is not None:
-        return _recorded(policy, settings.experiment, world, record, out, where, options)
+        return _recorded(policy, world, record, out, where, options)
     with Progress("population test", 1.0) as bar:
-        options["progress"] = bar.show
-        tested = evaluation.evaluate(policy, world, experiment=settings.experiment, **options)
-    return Trial(tested.table, functools.partial(save_evaluation, tested), tested)
+        tested = evaluation.evaluate(policy, world, **options, progress=bar.show)
+    if out is not None:
+        save_evaluation(tested, out)
+    return tested
 
 
 def _recorded(
-    policy: str,
-    experiment: str,
-    world: World,
-    record: str,
-    out: Path | None,
-    where: tuple[str | None, int | None, str | None],
-    sizes: dict[str, Any],
-) -> Trial:
-    """Tests a population of any size, telling what it needs before it begins."""
-    cells = sizes["cells"] * sizes["worlds"]
+    policy: str, world: World, record: str, out: Path | None, where: Where, options: dict[str, Any]
+) -> evaluation.Evaluation:
+    """Tests a population of any size, telling what it needs before it begins; one that is complete in its
+    folder is only read.
+    """
+    cells = options["cells"] * options["worlds"]
     check_name("--record", record, ("ends", "thinned", "all"))
     file = None if out is None else _place(out)
+    complete = file is not None and (file.parent / SUMMARY).exists()
     kept: Any = record if file else "statistics"
-    own, longer = {"record": kept, "out": file}, world.replace(life=sizes["life"])
+    longer = world.replace(life=options["life"])
     with launched(*where) as executor, Progress("cells", cells) as bar:
         memory, disk = needed(longer, kept, cells, workers=getattr(executor, "workers", 1))
         if file and not file.exists():
             files.check_room(file, disk - sum(part.stat().st_size for part in parts_of(file).glob("*")))
         on_disk = f", {disk / 2**20:,.0f} MiB in {out}" if file else "; no cell is kept without --out"
-        bar.say(f"{cells:,} cells, {BLOCK:,} at once: about {memory / 2**20:,.0f} MiB of memory{on_disk}")
+        if not complete:
+            bar.say(f"{cells:,} cells, {BLOCK:,} at once: about {memory / 2**20:,.0f} MiB of memory{on_disk}")
         if isinstance(executor, Ray):
             executor = executor.needing(Needs(memory=needed(longer, kept, cells, workers=1)[0]))
 
         def progress(part: float) -> None:
             bar.show(part * cells, text=f"{part * cells:,.0f}/{cells:,}")
 
-        own |= {"executor": executor, "progress": progress}
-        found = evaluation.evaluate(policy, world, experiment=experiment, **sizes, **own)
-    return Trial(found.table, functools.partial(save_summary, found), found)
+        own = {"record": kept, "out": file, "executor": executor, "progress": progress}
+        found = evaluation.evaluate(policy, world, **options, **own)
+    if complete:
+        tell(f"{out} is complete: nothing was computed again")
+    elif file is not None:
+        save_summary(found, file.parent)
+    return found
 
 
 def _place(out: Path) -> Path:
-    """The file of a population in its folder; raises FileExistsError unless that is new, or holds one that is
-    not finished.
+    """The file of a population in its folder; raises FileExistsError unless that is new or holds one, whole
+    or in parts.
     """
     folder = files.expanded(out)
     file = folder / POPULATION
-    if (folder / SUMMARY).exists() or not (file.exists() or parts_of(file).exists()):
+    if not (file.exists() or parts_of(file).exists()):
         files.check_new_folder(folder)
     return file
