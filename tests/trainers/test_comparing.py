@@ -67,9 +67,9 @@ def test_tables_and_figures_name_settings_by_the_symbols_of_the_field():
     }
     assert {label: comparison.in_symbols(label) for label in told} == told
     group = Group("a_b world.n_records=4 50%", [contender()])
-    (line,) = [line for line in comparison.written([group], "tex").splitlines() if "50" in line]
+    (line,) = [line for line in comparison.table([group]).as_latex().splitlines() if "50" in line]
     assert line.startswith(r"a\_b $N_T$=4 50\% & 1 & 0.00 &")
-    assert "| a_b N_T=4 50% | 1 | 0.00 |" in comparison.written([group], "md")
+    assert "| a_b N_T=4 50% | 1 | 0.00 |" in comparison.table([group]).as_markdown()
 
 
 def test_times_to_the_egg_are_of_all_seeds_and_stand_in_the_table_where_there_is_one():

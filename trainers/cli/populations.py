@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +14,7 @@ from trainers.cli.app import app
 from trainers.cli.listing import Listing
 
 if TYPE_CHECKING:
+    from swarm._support.tables import Table
     from swarm.population.evaluation import Evaluation
 
 
@@ -48,40 +51,83 @@ def evaluate(
     out: options.NewFolder = None,
 ) -> None:
     """Test a policy on fresh cells, next to greedy, swinging and the physical limit."""
-    from swarm._support.tables import Table
-    from swarm._support.terminal import print_table
-    from trainers.cli.trial import trial
+    from swarm._support import files
+    from swarm._support.terminal import Progress
+    from swarm.figures.evaluation import save_contest, save_evaluation, save_noise_sweep
+    from swarm.population import contests, evaluation
+    from swarm.population import noise as noises
+    from trainers.cli.recorded import recorded
+    from trainers.settings.composition import settings_of
 
-    found = trial(
-        policy,
-        experiment,
-        cells=cells,
-        worlds=worlds,
-        life=life,
-        seed=seed,
-        levels=noise or (),
-        kind=noise_kind,
-        against=against,
-        share=share,
-        record=record,
-        out=out,
-        where=(launcher, jobs, address),
-    )
-    if isinstance(found, Table):
-        print_table(found.headings, found.texts)
-    else:
-        print_test(found)
+    levels, where = noises.levels_of(noise or ()), (launcher, jobs, address)
+    _check_together(levels, noise_kind, against, share, record, where)
+    if record is None and out is not None:
+        files.check_new_folder(out)
+    settings = settings_of(policy, experiment)
+    world, test = settings.test_world(), settings.evaluation
+    usual = {"cells": 40, "worlds": 40} if against else {"cells": test.cells, "worlds": test.worlds}
+    given = {"cells": cells, "worlds": worlds, "life": life, "share": share}
+    sizes: dict[str, Any] = {**usual, "life": test.life, "seed": seed}
+    sizes |= {name: value for name, value in given.items() if value is not None}
+    kind = noise_kind or "concentration"
+    if len(levels) > 1:
+        with Progress("levels of noise", len(levels)) as bar:
+            swept = noises.sweep_noise(policy, world, levels, kind=kind, progress=bar.show, **sizes)
+        return _tell(swept.table, out, partial(save_noise_sweep, swept))
+    if levels:
+        (world,) = noises.check_levels(levels, kind, world)
+    if against is not None:
+        with Progress("contest", 1.0) as bar:
+            raced = evaluation.compete(policy, against, world, progress=bar.show, **sizes)
+        return _tell(contests.table(raced), out, partial(save_contest, raced))
+    sizes["experiment"] = settings.experiment
+    if record is not None:
+        tested = recorded(policy, world, record, out, where, **sizes)
+        return _tell(tested, out)
+    with Progress("population test", 1.0) as bar:
+        tested = evaluation.evaluate(policy, world, progress=bar.show, **sizes)
+    return _tell(tested, out, partial(save_evaluation, tested))
+
+
+def _check_together(
+    levels: Sequence[float],
+    kind: str | None,
+    against: str | None,
+    share: float | None,
+    record: str | None,
+    where: tuple[Any, ...],
+) -> None:
+    """Raises ValueError for options of `evaluate` that do not go together."""
+    if kind is not None and not levels:
+        raise ValueError(f"--noise-kind must come with --noise, got {kind!r} alone")
+    if share is not None and against is None:
+        raise ValueError(f"--share must come with --against, got {share:g} alone")
+    if len(levels) > 1 and against is not None:
+        raise ValueError(f"--noise must be one level with --against, got {len(levels)}")
+    if record is not None and (against is not None or len(levels) > 1):
+        raise ValueError(f"--record must come without --against and several levels of --noise, got {record}")
+    if record is None and where != (None, None, None):
+        raise ValueError("--launcher, --jobs and --address must come with --record, got them alone")
+
+
+def _tell(found: Evaluation | Table, out: Path | None, save: Callable[[Path], None] | None = None) -> None:
+    """Write what was found to a new folder, and print it."""
+    if out is not None and save is not None:
+        save(out)
+    print_found(found)
     if out is not None:
-        print(f"results and figures are in {out}" if record is None else f"results are in {out}")
+        print(f"results and figures are in {out}")
 
 
-def print_test(tested: Evaluation | None) -> None:
-    """The table of a population test, and the limit."""
+def print_found(found: Evaluation | Table) -> None:
+    """A table, and of a population test the limit."""
     from swarm._support.terminal import print_table
+    from swarm.population.evaluation import Evaluation
 
-    if tested is not None:
-        limit = tested.summary["limit"]
-        print_table(tested.table.headings, tested.table.texts)
+    table = found.table if isinstance(found, Evaluation) else found
+    print_table(table.headings, table.texts)
+    if isinstance(found, Evaluation):
+        limit = found.summary["limit"]
         print("limit:", "none is known" if limit is None else f"{limit:.2f}, which no policy can exceed")
 
 
@@ -107,28 +153,19 @@ def compare(
     ] = None,
 ) -> None:
     """Put runs side by side, with intervals over seeds."""
-    from swarm._support.terminal import print_table
     from trainers.jobs import comparison
 
     formats = [each.strip() for each in (form or "png").split(",")]
     printed = form if out is None and form in comparison.TABLES else None
     if out is None and form is not None and printed is None:
         raise ValueError(f"--format must be md or tex without --out, got {form!r}")
-    groups = comparison.compare(
-        folders,
-        cells=cells,
-        worlds=worlds,
-        life=life,
-        seed=seed,
-        out=out,
-        formats=formats,
-        where=(launcher, jobs, address),
-    )
-    table = comparison.table(groups)
+    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
+    where = launcher, jobs, address
+    groups = comparison.compare(folders, **sizes, out=out, formats=formats, where=where)
     if printed is not None:
-        print(comparison.written(groups, printed), end="")
+        print(comparison.TABLES[printed](comparison.table(groups)), end="")
     else:
-        print_table(table.headings, table.texts)
+        print_found(comparison.table(groups))
     if out is not None:
         print(f"table and figure are in {out}")
 

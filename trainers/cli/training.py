@@ -15,7 +15,7 @@ import typer
 from trainers.cli import options
 from trainers.cli.app import app
 from trainers.cli.listing import Listing
-from trainers.cli.populations import print_test
+from trainers.cli.populations import print_found
 
 if TYPE_CHECKING:
     from trainers.settings.schema import Settings
@@ -133,7 +133,9 @@ def resume(folder: Path, where: Where = ("here", None, None)) -> None:
     settings = settings_from_stored(stored, run.path)
     if run.finished:
         print(f"{folder} is finished after {settings.learning.epochs} epochs; nothing is left to learn")
-        print_test(running.test(settings, run))
+        tested = running.test(settings, run)
+        if tested is not None:
+            print_found(tested)
     else:
         with collectors(settings, *where) as submit:
             _complete(*running.resume(folder, submit))
@@ -157,7 +159,8 @@ def _complete(training: Training, run: RunFolder) -> None:
 
         tested = running.complete(training, run, report=report)
     print(f"trained in {time.perf_counter() - started:.1f} s; policy, metrics and figure are in {run.path}")
-    print_test(tested)
+    if tested is not None:
+        print_found(tested)
 
 
 @app.command()
@@ -179,7 +182,7 @@ def study(
 ) -> None:
     """Train and test a grid of settings, seeds and tests; what is there is not done again."""
     from swarm._support import files
-    from swarm._support.terminal import Told, print_table
+    from swarm._support.terminal import Told
     from trainers.jobs import study as studies
 
     if figure and files.expanded(source).is_dir():
@@ -191,5 +194,5 @@ def study(
     with redirect_stdout(Told(sys.stdout)):  # what is told on the way
         where = launcher or "processes", jobs, address
         found = studies.study(source, out, figures=figure or (), where=where)
-    print_table(found.table.headings, found.table.texts)
+    print_found(found.table)
     print(f"dataset, table and figures are in {found.folder}")

@@ -35,8 +35,8 @@ SYMBOLS = {  # of settings in tables and figures; others are told by their keys
     "learning.discount": "γ",
     "learning.learning_rate": "α",
 }
-TABLES, PICTURES = ("md", "tex"), ("png", "pdf", "svg")
-SECTIONS = ("world", "learning", "validation", "evaluation")  # of settings that decide what is learnt
+TABLES = {"md": Table.as_markdown, "tex": Table.as_latex}
+PICTURES = ("png", "pdf", "svg")
 
 
 class Contender(NamedTuple):
@@ -121,7 +121,7 @@ def _write(out: Path, groups: Sequence[Group], about: dict[str, Any], formats: S
         (folder / "comparison.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
         for each in formats:
             if each in TABLES:
-                (folder / f"comparison.{each}").write_text(written(groups, each), encoding="utf-8")
+                (folder / f"comparison.{each}").write_text(TABLES[each](table(groups)), encoding="utf-8")
                 continue
             with dispensable(f"comparison.{each}"):
                 from swarm import figures
@@ -140,7 +140,9 @@ def grouped(contenders: Sequence[Contender]) -> list[Group]:
     count once.
     """
     told = [by_value(each.settings) for each in contenders]
-    described = [{key: each[key] for key in each if key.split(".")[0] in NAMES + SECTIONS} for each in told]
+    described = [
+        {key: each[key] for key in each if key.split(".")[0] in NAMES + schema.SECTIONS} for each in told
+    ]
     keys = [key for key in NAMES if _differs(key, described)]
     others = list(dict.fromkeys(key for each in described for key in each if key not in NAMES))
     for key in others:  # but for those that are the same in all runs that share the names
@@ -183,11 +185,6 @@ def table(groups: Sequence[Group]) -> Table:
     """A row per group, best first."""
     rows = sorted((group.row() for group in groups), key=lambda row: -row["mean"])
     return beside(["runs"], [[in_symbols(row["runs"])] for row in rows], readable(rows))
-
-
-def written(groups: Sequence[Group], kind: str) -> str:
-    """The table as Markdown (md) or LaTeX (tex)."""
-    return table(groups).as_markdown() if kind == "md" else table(groups).as_latex()
 
 
 def _test_of(

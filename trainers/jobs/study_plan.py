@@ -28,12 +28,11 @@ from trainers.settings.composition import (
     written,
 )
 from trainers.settings.learning import RULES, Count, Positive, Whole
-from trainers.settings.schema import Settings, unknown
+from trainers.settings.schema import Settings, dotted, unknown
 from trainers.training.run_folder import MAX_TEXT, plain_yaml
 
 NAME = r"[\w.+-]{1,80}"
 AFTER = ("seed", "n_seeds", "evaluation", "evaluate", "checkpoint_every", "tensorboard", "wandb")
-SECTIONS = ("world", "learning", "validation", "evaluation")
 SIZES = ("cells", "worlds", "seed")  # of a test
 Value = str | int | float
 Choice = tuple[Value, dict[str, Any]]  # a label of an axis, and its settings
@@ -193,9 +192,9 @@ def choices_of(name: str, values: Any) -> list[Choice]:
 
 
 def _point(study: StudySettings, chosen: Sequence[Choice], references: Sequence[str]) -> Point:
-    keys = _dotted(study.settings)
+    keys = dotted(study.settings)
     for _, changes in chosen:
-        keys |= _dotted(changes)
+        keys |= dotted(changes)
     words = [f"{key}={written(value)}" for key, value in keys.items()]
     for word in words:
         key_of(word)
@@ -205,17 +204,6 @@ def _point(study: StudySettings, chosen: Sequence[Choice], references: Sequence[
         tests[name] = tested_in(settings, name, test)
         rivals[name] = {each: named_policy(each, tests[name][0]) for each in references}
     return Point(tuple(label for label, _ in chosen), settings, tests, rivals)
-
-
-def _dotted(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings by their own keys, so that a section leaves what it does not name as it was."""
-    found: dict[str, Any] = {}
-    for key, value in given.items():
-        if key in SECTIONS and isinstance(value, dict):
-            found |= {f"{key}.{name}": each for name, each in value.items()}
-        else:
-            found[key] = value
-    return found
 
 
 def tested_in(settings: Settings, name: str, test: TestSettings) -> tuple[World, dict[str, int]]:

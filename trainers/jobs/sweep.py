@@ -10,7 +10,7 @@ import os
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import nullcontext
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -38,8 +38,8 @@ from trainers.training.run import train_in
 from trainers.training.run_folder import RunError, RunFolder, is_run_folder, part_done
 
 FOLDER, HYDRAS, HYDRAS_JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
-OPTIONS = ("launcher.jobs", "launcher.address")
-OWN = ("hydra", "launcher")
+KEYS = LAUNCHER, JOBS, ADDRESS = "launcher", "launcher.jobs", "launcher.address"
+OWN = ("hydra", LAUNCHER)
 MAX_NAME = 240  # [bytes] of a run's folder, whose temporary sibling has a name of at most 255
 
 
@@ -58,22 +58,17 @@ def sweep(words: Sequence[str]) -> None:
     for settings in runs.values():
         check_machine(settings)
     folder = _sweep_folder(own.get(FOLDER), runs)
-    with ExitStack() as held:
-        if launcher == "ray":
-            held.enter_context(files.owned(folder))
-        _run(folder, runs, launched(launcher, workers, address))
-
-
-def _run(folder: Path, runs: Mapping[str, Settings], executor: Executor) -> None:
     quoted = shlex.quote(str(folder))
-    print(f"{len(runs)} runs in {folder}")
     again = f"the same command with {FOLDER}={quoted} goes on with them"
-    tasks, trainers = trainings({folder / name: each for name, each in runs.items()}, executor)
-    try:
-        outcomes = run_tasks(tasks, trainers, title="sweep")
-    except KeyboardInterrupt as stopped:
-        stopped.add_note(again)
-        raise
+    with files.owned(folder) if launcher == "ray" else nullcontext():
+        executor = launched(launcher, workers, address)
+        print(f"{len(runs)} runs in {folder}")
+        tasks, trainers = trainings({folder / name: each for name, each in runs.items()}, executor)
+        try:
+            outcomes = run_tasks(tasks, trainers, title="sweep")
+        except KeyboardInterrupt as stopped:
+            stopped.add_note(again)
+            raise
     if left := sum(isinstance(outcome, BaseException) for outcome in outcomes):
         raise RunError(f"{left} of {len(runs)} runs did not finish; {again}")
     print(f"all {len(runs)} runs are in {folder}; swarm compare {quoted}/* shows them side by side")
@@ -98,23 +93,22 @@ def trainings(runs: Mapping[Path, Settings], executor: Executor) -> tuple[list[T
 def _launcher(own: dict[str, str]) -> tuple[str, int | None, str | None]:
     """Where a sweep runs, by its own words and by Hydra's: launcher, jobs, address."""
     for key in own:
-        check_name("own key of a sweep", key, (FOLDER, HYDRAS, HYDRAS_JOBS, "launcher", *OPTIONS))
+        check_name("own key of a sweep", key, (FOLDER, HYDRAS, HYDRAS_JOBS, *KEYS))
     words = {"basic": "here", "joblib": "processes"}
     hydras = words[check_name(HYDRAS, own.get(HYDRAS, "joblib"), words)]
-    jobs = own.get(OPTIONS[0], own.get(HYDRAS_JOBS))
-    named = {"launcher": own.get("launcher", hydras)} | ({} if jobs is None else {OPTIONS[0]: jobs})
-    launcher, number, address = launcher_of(named | {key: own[key] for key in OPTIONS[1:] if key in own})
-    return launcher, None if launcher == "here" else number, address
+    given = {LAUNCHER: hydras} | ({JOBS: own[HYDRAS_JOBS]} if HYDRAS_JOBS in own else {}) | own
+    launcher, jobs, address = launcher_of({key: given[key] for key in KEYS if key in given})
+    return launcher, None if launcher == "here" else jobs, address
 
 
 def launcher_of(own: Mapping[str, str]) -> tuple[str, int | None, str | None]:
     """Launcher, jobs and address that the words `launcher`, `launcher.jobs` and `launcher.address` name."""
     for key in own:
-        check_name("key of a launcher", key, ("launcher", *OPTIONS))
-    launcher = check_name("launcher", own.get("launcher", "here"), LAUNCHERS)
-    number = own.get(OPTIONS[0])
-    jobs = None if number is None else check_count(OPTIONS[0], int(number) if number.isdecimal() else number)
-    return launcher, jobs, own.get(OPTIONS[1])
+        check_name("key of a launcher", key, KEYS)
+    launcher = check_name(LAUNCHER, own.get(LAUNCHER, "here"), LAUNCHERS)
+    number = own.get(JOBS)
+    jobs = None if number is None else check_count(JOBS, int(number) if number.isdecimal() else number)
+    return launcher, jobs, own.get(ADDRESS)
 
 
 def wanted(words: Sequence[str]) -> dict[str, Settings]:
@@ -152,10 +146,8 @@ def named(combinations: Sequence[Sequence[str]]) -> list[str]:
         if names.count(name) > 1:
             raise RunError(f"combinations must differ, got the same one {names.count(name)} times")
         if len(os.fsencode(name)) > MAX_NAME:
-            raise RunError(
-                f"a run's folder is named by what is swept in at most {MAX_NAME} bytes, got {name}: "
-                "sweep over fewer keys at once"
-            )
+            rule = f"a run's folder is named by what is swept in at most {MAX_NAME} bytes"
+            raise RunError(f"{rule}, got {name}: sweep over fewer keys at once")
     return names
 
 
