@@ -35,10 +35,7 @@ def test_a_task_that_fails_does_not_stop_the_others(workers, capsys):
     assert "0 failed: math domain error" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "death",
-    [(os._exit, 7), (signal.raise_signal, signal.SIGKILL)],
-)
+@pytest.mark.parametrize("death", [(os._exit, 7), (signal.raise_signal, signal.SIGKILL)])
 def test_a_process_that_is_killed_takes_no_other_with_it(death):
     died, done, waited = run(2, death, (time.sleep, 1.0), (math.sqrt, 4.0))
     assert isinstance(died, RuntimeError)

@@ -86,11 +86,13 @@ def _indented(settings: dict[str, Any]) -> str:
 
 
 def _train(given: Sequence[str]) -> None:
-    from trainers.jobs.sweep import launcher_of, sweep
+    from trainers.jobs.cluster import launcher_of
     from trainers.settings.composition import settings_from
 
     words = [word for word in given if word not in SEVERAL]
     if len(words) < len(given):
+        from trainers.jobs.sweep import sweep
+
         return sweep(words)
     own = dict(word.partition("=")[::2] for word in words if word.startswith(LAUNCHER))
     words, where = [word for word in words if not word.startswith(LAUNCHER)], launcher_of(own)

@@ -20,8 +20,8 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
 from swarm._support import files
-from swarm._support.checks import check_count, check_name
-from trainers.jobs.cluster import LAUNCHERS, Ray, launched
+from swarm._support.checks import check_name
+from trainers.jobs.cluster import JOBS, KEYS, LAUNCHER, Ray, launched, launcher_of
 from trainers.jobs.executors import Task, run_tasks
 from trainers.jobs.remote import needs_of, train_through
 from trainers.settings.composition import (
@@ -38,7 +38,6 @@ from trainers.training.run import train_in
 from trainers.training.run_folder import RunError, RunFolder, is_run_folder, part_done
 
 FOLDER, HYDRAS, HYDRAS_JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
-KEYS = LAUNCHER, JOBS, ADDRESS = "launcher", "launcher.jobs", "launcher.address"
 OWN = ("hydra", LAUNCHER)
 MAX_NAME = 240  # [bytes] of a run's folder, whose temporary sibling has a name of at most 255
 
@@ -99,16 +98,6 @@ def _launcher(own: dict[str, str]) -> tuple[str, int | None, str | None]:
     given = {LAUNCHER: hydras} | ({JOBS: own[HYDRAS_JOBS]} if HYDRAS_JOBS in own else {}) | own
     launcher, jobs, address = launcher_of({key: given[key] for key in KEYS if key in given})
     return launcher, None if launcher == "here" else jobs, address
-
-
-def launcher_of(own: Mapping[str, str]) -> tuple[str, int | None, str | None]:
-    """Launcher, jobs and address that the words `launcher`, `launcher.jobs` and `launcher.address` name."""
-    for key in own:
-        check_name("key of a launcher", key, KEYS)
-    launcher = check_name(LAUNCHER, own.get(LAUNCHER, "here"), LAUNCHERS)
-    number = own.get(JOBS)
-    jobs = None if number is None else check_count(JOBS, int(number) if number.isdecimal() else number)
-    return launcher, jobs, own.get(ADDRESS)
 
 
 def wanted(words: Sequence[str]) -> dict[str, Settings]:
