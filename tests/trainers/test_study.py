@@ -115,10 +115,11 @@ def test_means_and_the_ends_of_their_intervals_are_numbers_in_the_table_and_the_
 
 
 def test_what_is_added_is_trained_and_tested_alone_and_what_is_left_out_stays(trained, monkeypatch):
-    first = study(written(figures=[]), Path("out"), **HERE).results
+    less = {"tests": {"own": None}, "policies": [], "figures": []}
+    first = study(written(**less), Path("out"), **HERE).results
     tests = {path.name for path in Path("out/tests").iterdir()}
     grid = {NOISE: [0.4, 0.2], "net": STUDY["grid"]["net"]}
-    more = study(written(grid=grid, seeds=[0, 1, 2, 5], figures=[]), Path("out"), **HERE).results
+    more = study(written(grid=grid, seeds=[0, 1, 2, 5], **less), Path("out"), **HERE).results
     assert sorted(trained[4:]) == sorted(
         f"{NOISE}={noise},net={net},{seeds}"
         for net in ("small", "wide")
@@ -131,7 +132,7 @@ def test_what_is_added_is_trained_and_tested_alone_and_what_is_left_out_stays(tr
     assert tests < {path.name for path in Path("out/tests").iterdir()}
     monkeypatch.setattr(studies, "population_test", lambda *_, **__: pytest.fail("tested again"))
     other = {"depth": {"one": {}}, **STUDY["grid"]}  # an axis more, and runs that are there
-    again = study(written(grid=other, figures=[]), Path("out"), **HERE).results
+    again = study(written(grid=other, **less), Path("out"), **HERE).results
     assert again.isel(depth=0, drop=True).equals(first)
     assert len(trained) == 12
 
