@@ -102,7 +102,6 @@ def test_units_of_an_interval_are_worlds_where_their_cells_are_coupled():
         (EATING, {}, (1, 3)),
         ([*EATING, "evaluation.worlds=2"], {}, (2, 3)),
         (EATING, {"cells": 2, "worlds": 4}, (4, 2)),
-        (["learning.n_swimmers=3", "evaluation.cells=7"], {}, (1, 40)),
         (["learning.n_swimmers=3"], {"worlds": 2}, (2, 40)),
     ],
 )

@@ -96,35 +96,25 @@ def test_a_sweep_tests_its_runs_where_that_is_wanted():
     assert Path("sweep/seed=1/evaluation/population.nc").is_file()
 
 
-def test_what_is_finished_is_not_run_again_and_what_is_missing_is(monkeypatch):
-    sweep(["seed=0,1", SERIAL, *WORDS])
-    before = content()
-    trained = []
-    original = running.train
-    monkeypatch.setattr(
-        running, "train", lambda made, run, report: trained.append(made.seeds) or original(made, run)
-    )
-    sweep(["seed=0,1,2", SERIAL, *WORDS])
-    assert trained == [[2]]
-    assert before.items() <= content().items()
-
-
-def test_a_run_that_fails_does_not_stop_the_others(monkeypatch, capsys):
-    original = running.train
+def test_a_run_that_fails_does_not_stop_the_others_and_it_alone_is_run_again(monkeypatch, capsys):
+    original, trained = running.train, []
 
     def train(made, run, report):
-        if made.seeds == [1]:
+        trained.append(made.seeds)
+        if len(trained) == 2:
             raise TrainingError("loss must be finite")
         original(made, run)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(running, "train", train)
-        said = fails(capsys, ["seed=0,1,2", SERIAL, *WORDS])
+    monkeypatch.setattr(running, "train", train)
+    said = fails(capsys, ["seed=0,1,2", SERIAL, *WORDS])
     assert "1 of 3 runs did not finish" in said
     assert "the same command with hydra.sweep.dir=sweep goes on with them" in said
-    assert set(content()) == {"seed=0", "seed=2"}
-    sweep(["seed=0,1,2", SERIAL, *WORDS])
-    assert set(content()) == {"seed=0", "seed=1", "seed=2"}
+    before = content()
+    assert set(before) == {"seed=0", "seed=2"}
+    sweep(["seed=0,1,2,3", SERIAL, *WORDS])
+    assert trained == [[0], [1], [2], [1], [3]]
+    assert before.items() <= content().items()
+    assert set(content()) == {"seed=0", "seed=1", "seed=2", "seed=3"}
 
 
 def test_ctrl_c_stops_the_whole_sweep_which_goes_on_to_the_same_end(monkeypatch, capsys):

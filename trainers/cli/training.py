@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from trainers.training.run_folder import RunFolder
 
 Where = tuple[str, int | None, str | None]
+HERE: Where = ("here", None, None)
 LAUNCHER = "launcher"
 SEVERAL, SHOW, RESUME, FOLDER = ("-m", "--multirun"), "--show", "resume=", "hydra.run.dir="
 
@@ -52,18 +53,17 @@ def train(context: typer.Context) -> None:
     from swarm._support.terminal import Told
     from trainers.settings.composition import settings_from
 
-    words = [word for word in context.args if word != SHOW]
-    if len(words) == len(context.args):
-        with redirect_stdout(Told(sys.stdout)):
-            _train(words)
-    elif set(words) & set(SEVERAL):
-        _show_sweep([word for word in words if word not in SEVERAL])
+    given = context.args
+    words = [word for word in given if word not in (SHOW, *SEVERAL)]
+    several = not set(SEVERAL).isdisjoint(given)
+    if SHOW in given and several:
+        _show_sweep(words)
+    elif SHOW in given:
+        shown = settings_from([word for word in words if not word.startswith((FOLDER, LAUNCHER))])
+        print(shown.as_yaml().rstrip())
     else:
-        print(
-            settings_from([word for word in words if not word.startswith((FOLDER, LAUNCHER))])
-            .as_yaml()
-            .rstrip()
-        )
+        with redirect_stdout(Told(sys.stdout)):
+            _train(words, several)
 
 
 def _show_sweep(words: Sequence[str]) -> None:
@@ -85,12 +85,11 @@ def _indented(settings: dict[str, Any]) -> str:
     return textwrap.indent(yaml.safe_dump(settings, sort_keys=False, default_flow_style=None).rstrip(), "  ")
 
 
-def _train(given: Sequence[str]) -> None:
+def _train(words: Sequence[str], several: bool) -> None:
     from trainers.jobs.cluster import launcher_of
     from trainers.settings.composition import settings_from
 
-    words = [word for word in given if word not in SEVERAL]
-    if len(words) < len(given):
+    if several:
         from trainers.jobs.sweep import sweep
 
         return sweep(words)
@@ -107,24 +106,21 @@ def _train(given: Sequence[str]) -> None:
     return begin(settings_from(plain), Path(folders[-1]) if folders else None, where)
 
 
-def begin(settings: Settings, folder: Path | None = None, where: Where = ("here", None, None)) -> None:
+def begin(settings: Settings, folder: Path | None = None, where: Where = HERE) -> None:
     """Train in a new folder; decisions are collected by a launcher, so many jobs, at an address."""
     from trainers.jobs.remote import collectors
     from trainers.training import run as running
 
     with collectors(settings, *where) as submit:
         training, run = running.begin(folder, settings, submit)
-        told = f"{settings.experiment} by {settings.algorithm}, recipe {settings.recipe}, {_seeds(settings)}"
+        first, *others = settings.seeds
+        seeds = f"seeds {first} to {others[-1]}" if others else f"seed {first}"
+        told = f"{settings.experiment} by {settings.algorithm}, recipe {settings.recipe}, {seeds}"
         print(f"training {told}: settings and all else in {run.path}", flush=True)
         _complete(training, run)
 
 
-def _seeds(settings: Settings) -> str:
-    first, *others = settings.seeds
-    return f"seeds {first} to {others[-1]}" if others else f"seed {first}"
-
-
-def resume(folder: Path, where: Where = ("here", None, None)) -> None:
+def resume(folder: Path, where: Where = HERE) -> None:
     """Go on with a run; decisions are collected as in `begin`, wherever they were before."""
     from trainers.jobs.remote import collectors
     from trainers.settings.composition import settings_from_stored

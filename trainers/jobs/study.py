@@ -31,7 +31,7 @@ from trainers.jobs.cluster import HERE, Where, launched
 from trainers.jobs.executors import Task, run_tasks
 from trainers.jobs.statistics import beside, readable, summary
 from trainers.jobs.study_dataset import Tested, Tests, as_dataset
-from trainers.jobs.study_figure import Request, axes_of, figure, lives_at, request_of
+from trainers.jobs.study_figure import Request, axes_of, lives_at, panels, request_of
 from trainers.jobs.study_plan import Plan, learnt, name_of, plan_of, stacks
 from trainers.jobs.sweep import MAX_NAME, trainings
 from trainers.settings.composition import SettingsError, settings_from_stored
@@ -92,11 +92,11 @@ def draw(folder: Path, wanted: Sequence[str]) -> list[Path]:
 
 
 def _draw(folder: Path, results: xr.Dataset, request: Request) -> Path:
-    from swarm.figures import save
+    from swarm.figures import save, sweeps
 
     path = folder / FIGURES / f"{request.name}.png"
     path.parent.mkdir(exist_ok=True)
-    save(figure(results, request), path)
+    save(sweeps(panels(results, request)), path)
     return path
 
 
@@ -196,7 +196,6 @@ def _tested(folder: Path, plan: Plan, runs: Runs, where: Where) -> Tests:
 
 
 def _digest(world: World, policies: Mapping[str, AnyPolicy], sizes: Mapping[str, int]) -> str:
-    """Of all that decides what a test finds."""
     told = {name: fingerprint(policy) for name, policy in policies.items()}
     plain = json.dumps([world.described(), sizes, told, provenance.versions()], default=str)
     return hashlib.sha256(plain.encode()).hexdigest()[:16]

@@ -17,7 +17,6 @@ from trainers.jobs.statistics import STATISTICS, Array, Lives, estimate
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.figure import Figure
 
     from swarm.figures import Sweep
 
@@ -99,17 +98,10 @@ def request_of(text: str, axes: Mapping[str, Sequence[Any]]) -> Request:
     return Request(statistic, axis, found)
 
 
-def figure(study: xr.Dataset, request: Request) -> Figure:
-    """A statistic against an axis: a panel for each test, a line for every combination of the other axes;
-    beside them the references and the limit, each once where it is the same for several lines.
-    """
-    from swarm import figures
-
-    return figures.sweeps(panels(study, request))
-
-
 def panels(study: xr.Dataset, request: Request) -> list[Sweep]:
-    """What the figure shows."""
+    """The figure of a statistic against an axis: a panel for each test, a line for every combination of the
+    other axes; beside them the references and the limit, each once where it is the same for several lines.
+    """
     from swarm.figures import Sweep, plain
 
     axes, chosen = axes_of(study), request.chosen
@@ -148,15 +140,19 @@ def _lines(
     """By name (levels, 3): the statistic with its interval, of policies, references and the limit."""
     several = [name for name, values in others.items() if len(values) > 1]
     rivals = study["policy"].values.tolist()[request.statistic in ("over_greedy", "wins") :]
+
+    def line(places: Sequence[Mapping[str, Any]], policy: str | None = None) -> Array:
+        return np.array([estimate(lives_at(study, each, policy), request.statistic) for each in places])
+
     found: dict[str, Array] = {}
     beside: dict[str, dict[tuple, Array]] = {name: {} for name in (*rivals, LIMIT)}
     for values in itertools.product(*others.values()):
         place = {**fixed, **dict(zip(others, values, strict=True))}
         places = [place | {request.axis: level} for level in levels]
         here = tuple(place[name] for name in several)
-        found[_told(several, here) or LEARNT] = _found(study, request.statistic, places)
+        found[_told(several, here) or LEARNT] = line(places)
         for name in rivals:
-            beside[name][here] = _found(study, request.statistic, places, name)
+            beside[name][here] = line(places, name)
         if request.statistic == "gain":
             limits = [lives_at(study, each).limit for each in places]
             beside[LIMIT][here] = np.array([[limit, np.nan, np.nan] for limit in limits])
@@ -189,12 +185,6 @@ def _told(axes: Iterable[str], values: Iterable[Any]) -> str:
     """Values of axes, by the symbols of the field or without the sections of their keys."""
     words = in_symbols(" ".join(f"{axis}={value}" for axis, value in zip(axes, values, strict=True)))
     return re.sub(r"(?<!\S)(world|learning|evaluation)\.", "", words)
-
-
-def _found(
-    study: xr.Dataset, statistic: str, places: Sequence[Mapping[str, Any]], policy: str | None = None
-) -> Array:
-    return np.array([estimate(lives_at(study, each, policy), statistic) for each in places])
 
 
 def _label(study: xr.Dataset, axis: str) -> str:
