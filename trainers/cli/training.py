@@ -18,12 +18,12 @@ from trainers.cli.listing import Listing
 from trainers.cli.populations import print_found
 
 if TYPE_CHECKING:
+    from trainers.jobs.cluster import Where
     from trainers.settings.schema import Settings
     from trainers.training.loop import Training
     from trainers.training.run_folder import RunFolder
 
-Where = tuple[str, int | None, str | None]
-HERE: Where = ("here", None, None)
+HERE = (None, None, None)
 LAUNCHER = "launcher"
 SEVERAL, SHOW, RESUME, FOLDER = ("-m", "--multirun"), "--show", "resume=", "hydra.run.dir="
 

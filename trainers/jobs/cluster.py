@@ -195,8 +195,7 @@ def _told(name: str, much: float) -> str:
 
 
 def _line(error: BaseException) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[-1][:200] if lines else type(error).__name__
+    return (str(error).strip() or type(error).__name__).splitlines()[-1].strip()[:200]
 
 
 def _ray(address: str | None) -> Any:

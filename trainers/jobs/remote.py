@@ -50,13 +50,13 @@ def needs_of(settings: Settings, memory: float | None = None) -> Needs:
 
 @contextmanager
 def collectors(
-    settings: Settings, launcher: str, jobs: int | None = None, address: str | None = None
+    settings: Settings, launcher: str | None, jobs: int | None = None, address: str | None = None
 ) -> Iterator[Submit]:
     """What collects the decisions of a run, as `launched` says; after an error what is under way is dropped.
 
     Raises SettingsError where no blocks could go elsewhere, and as `launched` and `Ray.needing` do.
     """
-    if launcher != "here" and not settings.learning.block:
+    if launcher not in (None, "here") and not settings.learning.block:
         raise SettingsError(
             f"learning.block must be above 0, cells that launcher={launcher} lets decide in a task, got 0"
         )

@@ -14,7 +14,6 @@ from contextlib import nullcontext
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
@@ -77,14 +76,13 @@ def trainings(runs: Mapping[Path, Settings], executor: Executor) -> tuple[list[T
     """Tasks that train these runs in their folders, and what does them: on a cluster only epochs are
     computed, this process keeps the folders.
     """
-    do: Callable[..., None] = train_in
-    first: list[tuple[Any, ...]] = [()] * len(runs)
+    trainers: list[Callable[..., None]] = [train_in] * len(runs)
     if isinstance(executor, Ray):
-        do, first = train_through, [(executor.needing(needs_of(each)),) for each in runs.values()]
+        trainers = [partial(train_through, executor.needing(needs_of(each))) for each in runs.values()]
         executor = ThreadPoolExecutor(max(len(runs), 1))  # each waits for its run's pieces
     tasks = [
-        Task(path.name, do, (*begin, path, each), part_done=partial(part_done, path, each.learning.epochs))
-        for begin, (path, each) in zip(first, runs.items(), strict=True)
+        Task(path.name, train, (path, each), part_done=partial(part_done, path, each.learning.epochs))
+        for train, (path, each) in zip(trainers, runs.items(), strict=True)
     ]
     return tasks, executor
 
