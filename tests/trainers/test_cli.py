@@ -260,17 +260,6 @@ def test_evaluate_refuses_a_card_that_describes_no_world(settings):
         refused("evaluate", "policy.safetensors", "--life", "2")
 
 
-def test_evaluate_prints_a_table_and_fills_a_folder():
-    words = ["evaluate", policy(experiment="linear_n4"), "--cells", "4", "--life", "4", "--seed", "2"]
-    code, out, _ = run(*words, "--out", "found")
-    assert code == 0
-    assert "gain" in out
-    summary = json.loads(Path("found/summary.json").read_text())
-    assert (summary["cells"], summary["life"], summary["seed"]) == (4, 4.0, 2)
-    files = {"population.nc", "summary.json", "gains.png", "centerlines.png"}
-    assert files <= {path.name for path in Path("found").iterdir()}
-
-
 def test_evaluate_draws_gain_against_noise():
     policy(experiment="linear_n4")
     short = ["--cells", "2", "--life", "4"]
@@ -281,13 +270,18 @@ def test_evaluate_draws_gain_against_noise():
     assert {path.name for path in Path("found").iterdir()} == {"noise.nc", "noise.csv", "noise.png"}
 
 
-def test_evaluate_rebuilds_the_sensor_that_a_policy_was_trained_with():
+def test_evaluate_fills_a_folder_and_rebuilds_the_sensor_that_a_policy_was_trained_with():
     sensor = {"type": "memory_with_neighbours", "k": 1, "range": 2.5}
     words = ("world.sensor={type: memory_with_neighbours, k: 1, range: 2.5}", "hydra.run.dir=seeing")
     assert run("train", "seed=1", *SHORT, *words)[0] == 0
     assert load_policy("seeing").card["sensor"] == sensor
-    code, _, said = run("evaluate", "seeing", "--cells", "3", "--life", "4", "--out", "found")
+    sizes = ["--cells", "3", "--life", "4", "--seed", "2"]
+    code, out, said = run("evaluate", "seeing", *sizes, "--out", "found")
     assert code == 0, said
+    assert "gain" in out
+    summary = json.loads(Path("found/summary.json").read_text())
+    assert (summary["cells"], summary["life"], summary["seed"]) == (3, 4.0, 2)
+    assert {"gains.png", "centerlines.png"} <= {path.name for path in Path("found").iterdir()}
     assert world_of(load_population("found/population.nc")).described()["sensor"] == sensor
 
 

@@ -69,13 +69,14 @@ def train(context: typer.Context) -> None:
 def _show_sweep(words: Sequence[str]) -> None:
     """What differs between the runs of a sweep, and what does not."""
     from trainers.jobs.sweep import wanted
+    from trainers.settings.composition import differing
 
     runs = {name: settings.dotted() for name, settings in wanted(words).items()}
-    first, *others = runs.values()
-    same = {key: value for key, value in first.items() if all(each.get(key, ...) == value for each in others)}
+    other, first = differing(list(runs.values())), next(iter(runs.values()))
     print(f"{len(runs)} runs")
-    for name, told in runs.items():
-        print(name, _indented({key: told[key] for key in told if key not in same}), sep="\n")
+    for name, each in runs.items():
+        print(name, _indented({key: each[key] for key in each if key in other}), sep="\n")
+    same = {key: value for key, value in first.items() if key not in other}
     print("in all of them", _indented(same), sep="\n")
 
 

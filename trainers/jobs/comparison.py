@@ -1,6 +1,5 @@
 """Runs side by side: the same test for every policy, grouped by what differs besides the seed."""
 
-import itertools
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -22,7 +21,7 @@ from trainers.jobs.cluster import HERE, Where, launched
 from trainers.jobs.executors import Task, run_tasks
 from trainers.jobs.statistics import CELLS, Lives, beside, readable, summary
 from trainers.settings import schema
-from trainers.settings.composition import by_value, settings_from_stored
+from trainers.settings.composition import by_value, differing, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training.run_folder import RunError, RunFolder, is_run_folder
 
@@ -139,19 +138,19 @@ def grouped(contenders: Sequence[Contender]) -> list[Group]:
     The same settings with the same seed are one training, wherever and however often they are named: they
     count once.
     """
-    told = [by_value(each.settings) for each in contenders]
-    described = [
-        {key: each[key] for key in each if key.split(".")[0] in NAMES + schema.SECTIONS} for each in told
-    ]
-    keys = [key for key in NAMES if _differs(key, described)]
-    others = list(dict.fromkeys(key for each in described for key in each if key not in NAMES))
-    for key in others:  # but for those that are the same in all runs that share the names
-        alike = itertools.groupby(sorted(described, key=_names), _names)
-        keys += [key] if any(_differs(key, list(each)) for _, each in alike) else []
+    told, decisive = [by_value(each.settings) for each in contenders], NAMES + schema.SECTIONS
+    described = [{key: each[key] for key in each if key.split(".")[0] in decisive} for each in told]
+    alike: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for each in described:
+        alike.setdefault(tuple(each[name] for name in NAMES), []).append(each)
+    # the names that differ, and what differs between runs that share them
+    which = {key for key in differing(described) if key in NAMES}
+    which |= {key for runs in alike.values() for key in differing(runs)}
+    keys = [key for key in dict.fromkeys(key for each in described for key in each) if key in which]
     groups: dict[str, dict[int, Contender]] = {}
     for contender, each in zip(contenders, described, strict=True):
         parts = [each[key] if key in NAMES else f"{key}={_short(each[key])}" for key in keys if key in each]
-        label = " ".join(parts or _names(each))
+        label = " ".join(parts or [each[name] for name in NAMES])
         groups.setdefault(label, {}).setdefault(contender.seed, contender)
     return [Group(label, list(members.values())) for label, members in groups.items()]
 
@@ -164,14 +163,6 @@ def _short(value: Any) -> str:
     told = [f"{key} {str(each)[:8] if key == 'sha256' else _short(each)}" for key, each in stated.items()]
     kind = [value["type"]] if "type" in value else []
     return " ".join([*kind, *([f"({', '.join(told)})"] if told else [])])
-
-
-def _names(described: Mapping[str, Any]) -> list[str]:
-    return [described[name] for name in NAMES]
-
-
-def _differs(key: str, described: Sequence[Mapping[str, Any]]) -> bool:
-    return len({str(each.get(key)) for each in described}) > 1
 
 
 def in_symbols(label: str) -> str:

@@ -26,6 +26,7 @@ from trainers.jobs.remote import needs_of, train_through
 from trainers.settings.composition import (
     SettingsError,
     by_value,
+    differing,
     key_of,
     readable,
     settings_from,
@@ -165,8 +166,8 @@ def _check_there(path: Path, settings: Settings) -> None:
     if not is_run_folder(path):
         return
     try:
-        stored = settings_from_stored(RunFolder.open(path)[1], path).identity()
-        other = ", ".join(key for key, value in settings.identity().items() if stored[key] != value)
+        stored = settings_from_stored(RunFolder.open(path)[1], path)
+        other = ", ".join(differing([settings.identity(), stored.identity()]))
     except (RunError, SettingsError) as error:
         other = f"version's settings ({error})"
     if other:

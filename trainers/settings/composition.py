@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -187,6 +187,12 @@ def by_value(settings: Settings) -> dict[str, Any]:
             with suppress(TypeError, ValueError, OSError):  # one that has no defaults
                 told[key] = part["type"] if known.describe(known.make(part["type"])) == part else part
     return told
+
+
+def differing(told: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The keys whose values are not the same in all of them."""
+    keys = dict.fromkeys(key for each in told for key in each)
+    return [key for key in keys if any(each.get(key, ...) != told[0].get(key, ...) for each in told)]
 
 
 def settings_of(policy: str, experiment: str | None) -> Settings:
