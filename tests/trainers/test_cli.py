@@ -270,7 +270,7 @@ def test_evaluate_draws_gain_against_noise():
     assert {path.name for path in Path("found").iterdir()} == {"noise.nc", "noise.csv", "noise.png"}
 
 
-def test_evaluate_fills_a_folder_and_rebuilds_the_sensor_that_a_policy_was_trained_with():
+def test_evaluate_fills_a_folder_to_watch_and_rebuilds_the_sensor_of_the_training():
     sensor = {"type": "memory_with_neighbours", "k": 1, "range": 2.5}
     words = ("world.sensor={type: memory_with_neighbours, k: 1, range: 2.5}", "hydra.run.dir=seeing")
     assert run("train", "seed=1", *SHORT, *words)[0] == 0
@@ -283,6 +283,9 @@ def test_evaluate_fills_a_folder_and_rebuilds_the_sensor_that_a_policy_was_train
     assert (summary["cells"], summary["life"], summary["seed"]) == (3, 4.0, 2)
     assert {"gains.png", "centerlines.png"} <= {path.name for path in Path("found").iterdir()}
     assert world_of(load_population("found/population.nc")).described()["sensor"] == sensor
+    assert "written to page.html" in run("watch", "found/population.nc", "--out", "page.html")[1]
+    text = Path("page.html").read_text(encoding="utf-8")
+    assert all(f'"name": "{name}"' in text for name in ("dqn", "greedy", "swinging"))
 
 
 def test_evaluate_races_policies_against_each_other():
