@@ -13,8 +13,9 @@ import pytest
 import torch
 
 from tests.short_runs import NOISE, assert_equal_runs, short_settings, whole
+from tests.trainers.noted import at_work, begun, noted
 from tests.trainers.test_cli import elsewhere, refused, run  # noqa: F401
-from trainers.algorithms.spread import SpreadCollector, blocks_of, collected
+from trainers.algorithms.spread import SpreadCollector, blocks_of
 from trainers.jobs.executors import Processes
 from trainers.settings.learning import DQNSettings
 from trainers.training import run as running
@@ -198,22 +199,6 @@ def test_what_decides_must_be_able_to_go_elsewhere(held, line):
 # --- processes that are killed ------------------------------------------------------------------------------
 
 
-def noted(file, settings, block, policy, state, decisions):
-    """What was collected, noting in a file which block and decision it is, and when by whom."""
-    name = f"{block.number},{state['episode'].max()},{state['decision'].max()}"
-    for word in ("begin", "end"):
-        descriptor = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-        os.write(descriptor, f"{word} {name} {os.getpid()}\n".encode())
-        os.close(descriptor)
-        if word == "begin":
-            found = collected(settings, block, policy, state, decisions)
-    return found
-
-
-def lines_of(file):
-    return [line.split() for line in file.read_text().splitlines()] if file.exists() else []
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("staleness", [0, 1])
 def test_a_killed_process_costs_its_block_and_no_bit(tmp_path, staleness):
@@ -222,25 +207,22 @@ def test_a_killed_process_costs_its_block_and_no_bit(tmp_path, staleness):
 
     def kill():
         while not killed:
-            over = [line[1:] for line in lines_of(file) if line[0] == "end"]
-            at_work = [line[1:] for line in lines_of(file) if line[0] == "begin" and line[1:] not in over]
-            if len(over) > 20 and at_work:
-                killed.append(at_work[-1])
-                os.kill(int(at_work[-1][1]), signal.SIGKILL)
+            if tasks := at_work(file, 20):
+                killed.append(tasks[-1])
+                os.kill(tasks[-1][1], signal.SIGKILL)
             time.sleep(0.002)
 
     threading.Thread(target=kill, daemon=True).start()
     with Processes(2, retries=3) as executor:
-        other = trained(settings, lambda do, *task: executor.submit(noted, file, *task), 6)
+        other = trained(settings, lambda *task: executor.submit(noted, file, *task), 6)
     assert_same(trained(settings, epochs=6), other)
-    begun = [line[1] for line in lines_of(file) if line[0] == "begin"]
-    assert [name for name in set(begun) if begun.count(name) > 1] == [killed[0][0]]
+    assert [name for name, places in begun(file).items() if len(places) > 1] == [killed[0][0]]
 
 
 @pytest.mark.slow
 def test_the_command_collects_in_processes_and_goes_on_here():
-    words = ["learning={n_swimmers: 6, block: 2, collect: 4, epochs: 4}", "world.life=4"]
-    words += ["validation.cells=2", "tensorboard=false", "checkpoint_every=1"]
+    words = ["learning.n_swimmers=6", "learning.block=2", "learning.collect=4", "learning.epochs=4"]
+    words += ["world.life=4", "validation.cells=2", "tensorboard=false", "checkpoint_every=1"]
     assert run("train", *words, "hydra.run.dir=here")[0] == 0
     assert run("train", *words, "launcher=processes", "launcher.jobs=2", "hydra.run.dir=there")[0] == 0
     assert_equal_runs(RunFolder(Path("there")), RunFolder(Path("here")))

@@ -40,21 +40,21 @@ class Piece(NamedTuple):
     timings: list[dict[str, Any]]  # of its epochs
 
 
-def needs_of(settings: Settings) -> Needs:
-    """What a piece of a training needs of a node."""
-    on_gpu = settings.device != "cpu"
-    return Needs(settings.threads, float(on_gpu), LOADED + (0 if on_gpu else 2 * memory_needed(settings)))
+def needs_of(settings: Settings, memory: float | None = None) -> Needs:
+    """What a piece of a training needs of a node, or a task that takes so much memory [bytes]."""
+    on_gpu, memory = settings.device != "cpu", 2 * memory_needed(settings) if memory is None else memory
+    return Needs(settings.threads, float(on_gpu), LOADED + (0 if on_gpu else memory))
 
 
 @contextmanager
 def collectors(
-    settings: Settings, launcher: str, jobs: int | None = None, address: str | None = None
+    settings: Settings, launcher: str | None, jobs: int | None = None, address: str | None = None
 ) -> Iterator[Submit]:
     """What collects the decisions of a run, as `launched` says; after an error what is under way is dropped.
 
     Raises SettingsError where no blocks could go elsewhere, and as `launched` and `Ray.needing` do.
     """
-    if launcher != "here" and not settings.learning.block:
+    if launcher not in (None, "here") and not settings.learning.block:
         raise SettingsError(
             f"learning.block must be above 0, cells that launcher={launcher} lets decide in a task, got 0"
         )
@@ -74,12 +74,10 @@ def collectors(
 
 def needs_of_block(settings: Settings) -> Needs:
     """What the decisions of a block need of a node."""
-    learning, on_gpu = settings.learning, settings.device != "cpu"
+    learning, world = settings.learning, settings.training_world()
     cells = len(settings.seeds) * min(learning.block, learning.n_swimmers * learning.n_worlds)
-    world = settings.training_world()
     decisions = min(learning.collect or world.max_decisions, world.max_decisions)
-    memory = cells * (12 * world.observation_size * decisions + 8 * BLOCK)
-    return Needs(settings.threads, float(on_gpu), LOADED + (0 if on_gpu else memory))
+    return needs_of(settings, cells * (12 * world.observation_size * decisions + 8 * BLOCK))
 
 
 def advance(settings: Settings, before: Piece | None, epochs: int) -> Piece:
@@ -114,7 +112,7 @@ def _advance_to_the_end(executor: Executor, run: RunFolder, settings: Settings) 
     found = checkpoints.read_newest(folder, settings.identity())
     state = None if found is None else Piece(save(found[0]), found[1], [])
     done = 0 if state is None else state.record["epoch"]
-    timings: list[dict[str, Any]] = [each for each in run.rows(runs.TIMINGS) if int(each["epoch"]) <= done]
+    timings = [each for each in run.rows(runs.TIMINGS) if int(each["epoch"]) <= done]
     while done < epochs:
         state = executor.submit(advance, settings, state, min(every - done % every, epochs - done)).result()
         done, timings = state.record["epoch"], timings + state.timings
