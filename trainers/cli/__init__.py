@@ -1,6 +1,6 @@
 """The command `swarm`: every command and its options. Heavy imports wait until they are needed."""
 
-from trainers.cli import export, listing, populations, possible, reports, study, training
+from trainers.cli import export, listing, populations, reports, study, training
 from trainers.cli.app import app, errors_as_lines
 
 __all__ = [
@@ -9,7 +9,6 @@ __all__ = [
     "export",
     "listing",
     "populations",
-    "possible",
     "reports",
     "study",
     "training",

@@ -1,0 +1,101 @@
+"""The table of all strategies in miniature, through everything that a whole one goes through."""
+
+import csv
+import re
+
+import numpy as np
+import pytest
+
+from swarm import World
+from tests.studies.test_minimal import WORDS, carried_out
+from tests.trainers.test_cli import refused
+from trainers.studies.strategies import report
+from trainers.studies.strategies.measurements import Lived, WorldFindings
+from trainers.studies.strategies.plan import DQN, OPTIMAL, PPO, STRATEGIES, StrategiesPlan
+from trainers.studies.strategies.study import STUDY
+
+pytest.importorskip("cma")
+
+TINY = StrategiesPlan(
+    n_seeds=2, words=WORDS, workers=0, worlds=("linear_n4", "radial"), generations=1, cells=4, egg_cells=3
+)
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    return carried_out(STUDY, TINY, tmp_path_factory.mktemp("strategies"))
+
+
+def test_every_strategy_lives_in_every_world_or_it_is_said_why_not(out):
+    with (out / "results.csv").open() as file:
+        rows = {(row["world"], row["strategy"]): row for row in csv.DictReader(file)}
+    assert {strategy for _, strategy in rows} == set(STRATEGIES)
+    missing = {key: row["why not"] for key, row in rows.items() if not row["gain"]}
+    assert missing.keys() == {("radial", PPO), ("radial", OPTIMAL)}
+    assert "one speed" in missing["radial", PPO]
+    assert [rows["linear_n4", each]["seeds"] for each in ("greedy", "minimal", DQN, PPO)] == [
+        "1",
+        "2",
+        "2",
+        "2",
+    ]
+    steady = {strategy: row for (world, strategy), row in rows.items() if world == "linear_n4"}
+    assert float(steady[OPTIMAL]["of the limit"]) == pytest.approx(1, abs=2e-3)
+    assert all(float(row["of the limit"]) < 1.002 for row in steady.values())
+    assert float(steady[PPO]["of its own limit"]) < float(steady[PPO]["of the limit"])
+    assert all(rows["radial", each]["arrived"] for each in ("greedy", "minimal", DQN))
+
+
+def test_the_report_is_published_with_its_figure_and_its_reasons(out):
+    published = out.with_name("published")
+    told = (published / "report.md").read_text()
+    assert {path: (published / path).stat().st_size > 1000 for path in re.findall(r"!\[.*?\]\((.*?)\)", told)}
+    assert "any curvature in radial: action='continuous' must go with one speed" in told
+    assert not (published / "runs").exists()
+
+
+def test_fractions_are_of_each_cells_own_limit_and_times_of_all_or_none():
+    most = np.array([10.0, 20.0, 30.0])
+    lived = {
+        "same": Lived(0.5 * most[None], np.ones((1, 3), bool), np.array([[4.0, 5.0, 6.0]])),
+        "some": Lived(most[None], np.array([[True, False, True]]), np.zeros((1, 3))),
+    }
+    found = WorldFindings(World(field="radial"), lived, most, "none is known")
+    fraction = found.fraction("same")
+    assert fraction.value == 0.5
+    np.testing.assert_allclose(fraction.interval, 0.5, atol=1e-12)  # the spread of cells is that of the limit
+    assert found.fraction("same", any_curvature=True) is None
+    assert found.time_to_egg("same").value == 5
+    assert found.time_to_egg("some") is None
+
+
+def test_intervals_of_fractions_hold_the_truth():
+    random, held, trials = np.random.default_rng(0), 0, 300
+    for _ in range(trials):
+        most = 30 + random.normal(size=40)
+        gain = 0.9 * most + 0.4 * random.normal(size=(5, 1)) + 0.2 * random.normal(size=(5, 40))
+        lived = {DQN: Lived(gain, np.zeros((5, 40), bool), np.zeros((5, 40)))}
+        low, high = WorldFindings(World(), lived, most, "").fraction(DQN).interval
+        held += low < 0.9 < high
+    assert 0.92 < held / trials < 0.99
+
+
+def test_dashes_of_the_same_reason_are_told_once():
+    lived = dict.fromkeys(STRATEGIES, "too dark")
+    one = WorldFindings(World(), lived, "too dark", "too dark")
+    told = report.text(TINY, {"a": one, "b": one})
+    assert told.count("too dark") == len(STRATEGIES) + 1  # all but the optimal, and both limits
+    assert "- greedy in a, b: too dark." in told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["experiment=linear_n5"], "experiment must be one of"),
+        (["nodes"], "a setting must be written key=value, got 'nodes'"),
+        (["--jobs", "0"], "--jobs must be a whole number of at least 1, got 0"),
+    ],
+)
+def test_what_cannot_be_tabled_is_said_before_anything_begins(words, said):
+    assert said in refused("strategies", *words, "--out", "not_made")

@@ -1,0 +1,171 @@
+"""Rungs: brains of one method and size, one for each training seed, and what they gain in validation and in
+the test.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from swarm._support import provenance
+from swarm.optimal.physical_limit import limit
+from swarm.physics.starts import draw_starts
+from swarm.policies.network import Network
+from swarm.policies.strategies import Greedy
+from swarm.population.blocks.block import lives
+from swarm.population.results import RIVAL
+from trainers.jobs.executors import Task
+from trainers.studies.estimates import Estimate, estimate
+from trainers.studies.minimal import neuroevolution, search
+from trainers.studies.minimal.brain import Brains, brains_of, gains, stacked
+from trainers.studies.minimal.plan import ATTAINABLE, DQN, EVOLUTION, MinimalPlan
+from trainers.studies.stacks import arrays_of
+from trainers.studies.study import Packed, kept_in
+
+MACHINE, PRUNED, THINNED, NEAT = "machine", "pruned", "thinned", "neat"
+METHODS = {
+    DQN: "DQN",
+    PRUNED: "DQN, pruned",
+    EVOLUTION: "CMA-ES",
+    THINNED: "CMA-ES, pruned and searched on",
+    NEAT: "NEAT",
+    MACHINE: "two-state machine",
+}
+MOST_OF_NEAT = 24  # parameters
+
+
+class Rung(NamedTuple):
+    """Brains of one size."""
+
+    method: str
+    nodes: int | None  # of the network that was trained or searched; None where it grew
+    parameters: int  # of the largest of them
+    brains: Brains  # one for each seed
+
+
+class Measured(NamedTuple):
+    """What a rung gains [concentration]."""
+
+    rung: Rung
+    validation: np.ndarray  # (seeds,) mean gains
+    gain: np.ndarray  # (seeds, cells) of the test
+
+
+class CaseFindings(NamedTuple):
+    """What was found of one experiment."""
+
+    measured: list[Measured]
+    limit: float  # of the test cells
+    validation_limit: float
+    greedy: np.ndarray  # (cells,) gains of the test
+    attainable: float | None  # what 95% and 99% are of where the limit is out of reach
+
+    def fraction(self, each: Measured) -> Estimate:
+        """Of the limit, in the test."""
+        return estimate(each.gain / self.limit)
+
+    def smallest(self, method: str, level: float) -> Measured | None:
+        """The rung with the fewest parameters whose validation cells reach that part of the limit, or of
+        what is attainable.
+        """
+        wanted = level * (self.attainable or self.validation_limit)
+        fit = [
+            each for each in self.measured if each.rung.method == method and each.validation.mean() >= wanted
+        ]
+        return min(fit, key=lambda each: (each.rung.parameters, -float(each.validation.mean())), default=None)
+
+
+Networks = Mapping[tuple[str, int], Sequence[Network]]  # that were trained, by algorithm and nodes
+
+
+def rungs(method: str, case: str, plan: MinimalPlan, networks: Networks) -> list[Rung]:
+    """All rungs of a method."""
+    world = plan.training_world(case)
+    trained = {key: brains_of(each) for key, each in networks.items()}
+    found: Iterable[tuple[int, Brains]]
+    if method in plan.algorithms:
+        found = [(nodes, trained[method, nodes]) for nodes in plan.nodes]
+    elif method == PRUNED:
+        found = [(nodes, each) for nodes in plan.nodes for each in search.pruned(trained[DQN, nodes])]
+    elif method == THINNED:
+        found = [
+            (nodes, each)
+            for nodes in plan.thinned
+            for each in search.thinned(world, trained[EVOLUTION, nodes], plan, 100 * (1 + nodes))
+        ]
+    elif method == MACHINE:
+        found = [(0, search.machine(world, plan))]
+    else:
+        return list(_grown(case, plan))
+    return [Rung(method, nodes, int(each.parameters.max()), each) for nodes, each in found]
+
+
+def _grown(case: str, plan: MinimalPlan) -> Iterator[Rung]:
+    """NEAT's: for each size the brain of every seed that validation prefers among those not larger."""
+    found = [neuroevolution.champions(plan.training_world(case), plan, seed) for seed in range(plan.n_seeds)]
+    validated = [validation_gains(case, plan, brains) for brains in found]
+    before: tuple[int, ...] = ()
+    for most in range(max(int(each.parameters.min()) for each in found), MOST_OF_NEAT + 1):
+        chosen = tuple(
+            int(np.argmax(np.where(brains.parameters <= most, gain, -np.inf)))
+            for brains, gain in zip(found, validated, strict=True)
+        )
+        if chosen != before:
+            brains = stacked([each[at : at + 1] for each, at in zip(found, chosen, strict=True)])
+            yield Rung(NEAT, None, most, brains)
+        before = chosen
+
+
+def validation_gains(case: str, plan: MinimalPlan, brains: Brains) -> np.ndarray:
+    """Mean gains (brains,) of the validation cells."""
+    world = plan.test_world(case)
+    starts = draw_starts(world, plan.cells, plan.seed, population="validation")
+    return gains(world, brains, starts, plan.seed, population="validation").mean(axis=1)
+
+
+def measure(case: str, plan: MinimalPlan, found: Sequence[Rung]) -> CaseFindings:
+    """Validate and test all rungs."""
+    world = plan.test_world(case)
+    starts = draw_starts(world, plan.cells, plan.seed)
+    measured = [
+        Measured(
+            each,
+            validation_gains(case, plan, each.brains),
+            gains(world, each.brains, starts, plan.seed, population="test"),
+        )
+        for each in found
+    ]
+    greedy = lives(world, Greedy(), starts, plan.seed, name=RIVAL, population="test")["gain"]
+    others = limit(world, draw_starts(world, plan.cells, plan.seed, population="validation"))
+    bound = limit(world, starts)
+    assert bound is not None, "the plan asks for worlds with a limit"
+    assert others is not None, "validation is in the same world"
+    return CaseFindings(measured, bound, others, greedy, ATTAINABLE.get(case))
+
+
+# --- what was searched before ------------------------------------------------------------------------------
+
+
+def file_of(method: str, case: str, plan: MinimalPlan, networks: Networks, folder: Path) -> Path:
+    """Which keeps what comes of this very search."""
+    others = {"cases", "experiments", "records", "bins"}  # decide no search
+    numbers = {name: value for name, value in plan.recorded().items() if name not in others}
+    plain = numbers, plan.training_world(case).described(), provenance.versions()
+    parts = [part for each in networks.values() for part in arrays_of(each)]
+    return kept_in(folder, f"{case}_{method}", plain, parts)
+
+
+def packed(found: Sequence[Rung]) -> Packed:
+    """Rungs as arrays."""
+    arrays = {f"{place}.weights": each.brains.weights for place, each in enumerate(found)}
+    arrays |= {f"{place}.biases": each.brains.biases for place, each in enumerate(found)}
+    return arrays, {"rungs": [[each.nodes, each.parameters] for each in found]}
+
+
+def unpacked(task: Task, held: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> list[Rung]:
+    """The rungs that a search found, whose first argument is the method."""
+    return [
+        Rung(task.arguments[0], nodes, parameters, Brains(held[f"{place}.weights"], held[f"{place}.biases"]))
+        for place, (nodes, parameters) in enumerate(card["rungs"])
+    ]

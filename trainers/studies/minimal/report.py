@@ -1,0 +1,206 @@
+"""The report on the smallest brain in words, every number of which was just measured."""
+
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from swarm._support.tables import Table, percent
+from trainers.studies.estimates import estimate, opening, percent_of
+from trainers.studies.minimal import drawing
+from trainers.studies.minimal.brain import Brains
+from trainers.studies.minimal.illustrations import FIGURE, LEVELS, best_by_size
+from trainers.studies.minimal.measurements import MACHINE, METHODS, THINNED, CaseFindings, Measured
+from trainers.studies.minimal.plan import DQN, EVOLUTION, MinimalPlan
+from trainers.studies.minimal.tables import Tabulated
+from trainers.studies.study import FIGURES
+
+
+class Drawn(NamedTuple):
+    """The brain that is drawn, and what it gains when its numbers are rounded as in the drawing."""
+
+    source: Measured
+    seed: int
+    digits: int
+    brain: Brains
+    gain: float  # mean of the test cells [concentration]
+
+
+def rows(case: str, found: CaseFindings) -> Iterator[dict[str, Any]]:
+    """A row for every rung."""
+    for each in found.measured:
+        of_limit = found.fraction(each)
+        low, high = of_limit.interval or (None, None)
+        yield {
+            "experiment": case,
+            "method": each.rung.method,
+            "nodes": each.rung.nodes,
+            "parameters": each.rung.parameters,
+            "validation, of the limit": float(each.validation.mean()) / found.validation_limit,
+            "gain": float(each.gain.mean()),
+            "of the limit": of_limit.value,
+            "low": low,
+            "high": high,
+            "worst seed": of_limit.lowest,
+        }
+
+
+def text(
+    plan: MinimalPlan,
+    found: Mapping[str, CaseFindings],
+    drawn: Mapping[str, Drawn],
+    tables: Sequence[Tabulated],
+) -> str:
+    """Markdown, to be read on its own."""
+    parts = [_opening(plan), _smallest(found), _figure(found)]
+    parts += [_case(plan, case, each, drawn[case]) for case, each in found.items()]
+    return "\n".join([*parts, _tables(plan, tables)])
+
+
+def _opening(plan: MinimalPlan) -> str:
+    chosen = [f"experiment={','.join(plan.cases)}", *plan.words]
+    told = f"""\
+How many parameters buy how much of the possible? A brain is a network that looks at the memory and takes
+one of two curvatures, κ₂ where its one output is above 0. Its parameters are its weights and biases that are
+not 0; the scale of the output is among them, though it changes nothing, and of a trained Q-network the
+difference of its two outputs is counted. Every brain was found with {plan.n_seeds} independent seeds:
+
+- **DQN**: a ladder of {", ".join(map(str, plan.nodes))} nodes in one tanh layer (0: none), recipe `swarm`,
+  which is made for 64 nodes and more.
+- **DQN, pruned**: its smallest numbers set to 0, without learning on the way.
+- **CMA-ES**: the same ladder, its weights searched by the evolution strategy `algorithm=evolution`; fitness
+  is the mean gain of training cells.
+- **{METHODS[THINNED]}**: its networks of {" and ".join(map(str, plan.thinned))} nodes lose the smallest
+  number, and the search goes on with the others, until one is left.
+- **NEAT**: topology and weights evolve together; for each size the brain that validation prefers among those
+  not larger.
+- **Two-state machine**: the state is the curvature, and each ends at a threshold of its own of the newest
+  concentration; both thresholds are searched. As a network it has three parameters.
+
+Sizes are chosen by {plan.cells} validation cells, numbers are those of {plan.cells} test cells (population
+seed {plan.seed}), in lives of the experiments' tests. Intervals are 95%, over training seeds and test cells.\
+"""
+    return opening("The smallest brain", plan, ["minimal", *chosen], told)
+
+
+def smallest(found: Mapping[str, CaseFindings]) -> Table:
+    """For each experiment and method the fewest parameters that reach each level."""
+    table = []
+    for case, each in found.items():
+        for method, label in METHODS.items():
+            row: dict[str, Any] = {"experiment": case, "method": label}
+            for level in LEVELS:
+                row |= _of_level(each, each.smallest(method, level), f"{100 * level:g}%")
+            table.append(row)
+    return Table.of(table)
+
+
+def _smallest(found: Mapping[str, CaseFindings]) -> str:
+    limited = [case for case, each in found.items() if each.attainable]
+    told = (
+        "Fewest parameters with which the validation cells reach the level in the mean over seeds, and what "
+    )
+    told += "of the limit the test cells then gain, the worst seed in brackets." + "".join(
+        f" In {case} two records leave the heading ambiguous: levels are of {found[case].attainable:g}, "
+        "about the most that they allow; percentages are of the limit everywhere."
+        for case in limited
+    )
+    return f"""## The smallest network that reaches 95% and 99% of the limit
+
+{textwrap.fill(told, 109)}
+
+{smallest(found).as_markdown(texts=2)}"""
+
+
+def _of_level(found: CaseFindings, each: Measured | None, level: str) -> dict[str, Any]:
+    if each is None:
+        return {f"parameters for {level}": None, f"test, {level}": None}
+    numbers = found.fraction(each)
+    told = f"{percent_of(numbers)} ({percent(numbers.lowest)})"
+    return {f"parameters for {level}": each.rung.parameters, f"test, {level}": told}
+
+
+def _figure(found: Mapping[str, CaseFindings]) -> str:
+    return f"""## How many parameters buy how much of the possible
+
+![What is missing of the limit, by the number of parameters]({FIGURES}/{FIGURE})
+
+*What of the limit is missing in the test, by the number of parameters; of rungs of the same size the one that
+validation prefers; of pruned networks, those that it prefers to all smaller ones. Grey lines: the levels of
+95% and 99%; ringed are the fewest parameters that reach them. Dashed: greedy, which has no parameter.*
+"""
+
+
+def _case(plan: MinimalPlan, case: str, found: CaseFindings, drawn: Drawn) -> str:
+    ladder = []
+    for nodes in plan.nodes:
+        row: dict[str, Any] = {"nodes": nodes}
+        for method in (DQN, EVOLUTION):
+            (each,) = [one for one in found.measured if one.rung[:2] == (method, nodes)]
+            row |= {"parameters": each.rung.parameters, METHODS[method]: percent_of(found.fraction(each))}
+        ladder.append(row)
+    sizes = [
+        {"parameters": each.rung.parameters, METHODS[THINNED]: percent_of(found.fraction(each))}
+        for each in best_by_size(found, THINNED)[:8]
+    ]
+    (pair,) = [each for each in found.measured if each.rung.method == MACHINE]
+    a, b = _thresholds(pair.rung.brains)
+    world = plan.test_world(case)
+    swing = " to ".join(f"±{world.mean_curvature / curvature:.2f}" for curvature in world.curvatures)
+    greedy = percent(float(found.greedy.mean()) / found.limit)
+    return f"""## {case}
+
+The limit is {found.limit:.2f}, of which greedy gains {greedy}. The two-state machine gains
+{percent_of(found.fraction(pair))}: κ₁ turns into κ₂ where c* > {a}, κ₂ into κ₁ where c* < {b}
+(means over seeds ± standard deviations; on a circle c* swings by {swing}). With one tanh layer, of the limit:
+
+{Table.of(ladder).as_markdown()}
+With ever fewer parameters and no node:
+
+{Table.of(sizes).as_markdown()}
+{_drawing(case, found, drawn, plan)}"""
+
+
+def _thresholds(brains: Brains) -> Iterator[str]:
+    """a and b of the two-state machine."""
+    push, bias = brains.weights[:, 0, 1], brains.biases[:, 0]
+    for values in (push - bias, -push - bias):
+        yield f"{values.mean():+.2f} ± {values.std():.2f}"
+
+
+def _drawing(case: str, found: CaseFindings, drawn: Drawn, plan: MinimalPlan) -> str:
+    lines = "\n".join(drawing.formulas(drawn.brain, drawn.digits))
+    exact, of_limit = float(drawn.source.gain[drawn.seed].mean()), percent(drawn.gain / found.limit)
+    computed = textwrap.fill(f"What it computes: {drawing.words(drawn.brain, plan.test_world(case))}", 109)
+    return f"""### The smallest brain of {case}, drawn
+
+![The smallest brain of {case}]({FIGURES}/brain_{case}.svg)
+
+The smallest of all methods that reaches the highest level that {drawing.MOST} parameters or fewer reach
+({METHODS[drawn.source.rung.method]}, seed {drawn.seed}). c₀ and κ₀ are of the newest record, c₁ and κ₁ of
+the one before; κ is −1 or +1. Typed in from the drawing it gains {drawn.gain:.2f} with the test cells,
+{of_limit} of the limit; {exact:.2f} before its numbers were rounded.
+
+```text
+{lines}
+```
+
+{computed}
+"""
+
+
+def _tables(plan: MinimalPlan, tables: Sequence[Tabulated]) -> str:
+    rows = []
+    for n_records in plan.records:
+        row: dict[str, Any] = {"N_T": n_records}
+        for each in (one for one in tables if one.n_records == n_records):
+            of_limit = percent_of(estimate(each.gain / each.limit))
+            row[f"{each.bins} bins"] = f"{of_limit} ({each.entries})"
+        rows.append(row)
+    return f"""## From tables
+
+An action for every bin of two c*, of the newest record and of the one a quarter of a turn before it, and of
+both their κ*, filled by dynamic programming (see `trainers/studies/minimal/tables.py`), in the world of
+{plan.cases[0]} with N_T records: what of that world's limit the test cells gain, and how many entries of the
+table they pass.
+
+{Table.of(rows).as_markdown()}"""

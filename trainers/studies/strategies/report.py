@@ -1,0 +1,181 @@
+"""The report on all strategies: a table, a figure and words, every number of which was just measured."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from swarm import figures
+from swarm._support.tables import Table, percent
+from swarm.figures import style
+from trainers.studies.estimates import Row, columns, half, opening, percent_of
+from trainers.studies.strategies.measurements import Lived, WorldFindings
+from trainers.studies.strategies.plan import DQN, MINIMAL, OPTIMAL, PPO, STRATEGIES, WORLDS, StrategiesPlan
+from trainers.studies.study import FIGURES
+
+FIGURE, PANELS = "strategies.png", 4  # side by side
+COLOURS = {DQN: "#0072B2", PPO: "#E69F00", MINIMAL: "#CC79A7", OPTIMAL: style.INK}  # others: devised
+DEVISED = "#009E73"
+OWN = f"{STRATEGIES[PPO]}, of its own limit"
+LIMIT, ANY = "the limit", "the limit, any curvature"
+
+
+def rows(name: str, found: WorldFindings) -> Iterator[Row]:
+    """A row for every strategy."""
+    for strategy, lived in found.lived.items():
+        row: Row = {"world": name, "strategy": strategy}
+        seeds, cells = lived.gain.shape if isinstance(lived, Lived) else (None, None)
+        row |= {"seeds": seeds, "cells": cells}
+        own = found.fraction(strategy, any_curvature=True) if strategy == PPO else None
+        numbers = {"gain": found.gain(strategy), "of the limit": found.fraction(strategy)}
+        numbers |= {"of its own limit": own, "arrived": found.arrived(strategy)}
+        numbers["time to the egg"] = found.time_to_egg(strategy)
+        for what, number in numbers.items():
+            row |= columns(what, number) | {f"{what}, worst seed": number and number.lowest}
+        yield row | {"why not": lived if isinstance(lived, str) else None}
+
+
+def text(plan: StrategiesPlan, found: Mapping[str, WorldFindings]) -> str:
+    """Markdown, to be read on its own."""
+    return "\n".join([_opening(plan), _fractions(found), _gains(found), _egg(found), _reasons(found)])
+
+
+def _opening(plan: StrategiesPlan) -> str:
+    words = [] if plan.worlds == WORLDS else [f"experiment={','.join(plan.worlds)}"]
+    about = f"""\
+Every strategy in every world, beside what is possible there: the [limit](../../how-to/limit.md) of a cell
+that knows its pose. Worlds are those of the experiments' tests, lives as long as there; all strategies steer
+the same {plan.cells} cells of population seed {plan.seed}, {plan.egg_cells} around an egg, which start within
+{plan.egg_reach:g} of it. None of them was seen in training, searching or validation.
+
+- **Random, swinging, greedy**: as in the paper.
+- **Adaptive**: the sampled [adaptive cell](../../adaptive_cell.md) with its default numbers.
+- **Minimal**: a network without nodes, searched for in each world by CMA-ES, which goes on as ever more
+  numbers are taken away, until {plan.parameters} are left (see [the smallest brain](../minimal/report.md));
+  it does not feel the flow.
+- **DQN**: recipe `swarm`, trained for each world. **PPO**: [any curvature](../../continuous_steering.md) from
+  κ₁ to κ₂ as action; its numbers are those tuned for N_T = 4. Both keep of each training what its validation
+  cells prefer.
+- **Optimal**: dynamic programming with full knowledge of the pose, for two actions.
+
+What is trained or searched for has {plan.n_seeds} independent seeds, all of which count: intervals are 95%,
+Student's, over training seeds and test cells, which are crossed; of the others over the cells. Fractions are
+of the limit of the very same cells, whose spread is part of the interval."""
+    return opening("All strategies", plan, ["strategies", *words, *plan.words], about)
+
+
+def fractions(found: Mapping[str, WorldFindings]) -> Table:
+    """What part of the limit each strategy attains in each world."""
+    table: list[Row] = []
+    for strategy, label in STRATEGIES.items():
+        numbers = {name: each.fraction(strategy) for name, each in found.items()}
+        table.append({"strategy": label, **{name: percent_of(each) for name, each in numbers.items()}})
+        if strategy == PPO:
+            own = {name: each.fraction(PPO, any_curvature=True) for name, each in found.items()}
+            table.append({"strategy": OWN, **{name: percent_of(each) for name, each in own.items()}})
+    return Table.of(table)
+
+
+def _fractions(found: Mapping[str, WorldFindings]) -> str:
+    return f"""## Of the limit
+
+{fractions(found).as_markdown()}
+The limit is that of two actions; any curvature of the range between them allows a little more, of which
+the line below PPO's is.
+
+![What part of the limit every strategy attains in every world]({FIGURES}/{FIGURE})
+
+*What part of the limit every strategy attains, with its interval; around an egg what part arrives.*
+"""
+
+
+def _gains(found: Mapping[str, WorldFindings]) -> str:
+    table: list[Row] = []
+    for strategy, label in STRATEGIES.items():
+        numbers = {name: each.gain(strategy) for name, each in found.items()}
+        told = {name: each and f"{each.value:.2f} ± {half(each, 2)}" for name, each in numbers.items()}
+        table.append({"strategy": label, **told})
+    for label, field in ((LIMIT, "possible"), (ANY, "any_curvature")):
+        limits = {name: getattr(each, field) for name, each in found.items()}
+        told = {
+            name: None if isinstance(each, str) else f"{each.mean():.2f}" for name, each in limits.items()
+        }
+        table.append({"strategy": label, **told})
+    return f"""## Gains
+
+Concentration at the end of a life less that at its start.
+
+{Table.of(table).as_markdown()}"""
+
+
+def _egg(found: Mapping[str, WorldFindings]) -> str:
+    around = {name: each for name, each in found.items() if each.world.egg is not None}
+    if not around:
+        return ""
+    table = []
+    for strategy, label in STRATEGIES.items():
+        row: Row = {"strategy": label}
+        for name, each in around.items():
+            part, time = each.arrived(strategy), each.time_to_egg(strategy)
+            low, high = (part and part.interval) or (float("nan"), float("nan"))
+            row[name] = part and f"{percent(part.value)} ({100 * low:.1f} … {100 * high:.1f})"
+            row[f"{name}, time"] = time and f"{time.value:.0f} ± {half(time, 0)}"
+        table.append(row)
+    return f"""## What part arrives at the egg
+
+And how long it takes where all arrive.
+
+{Table.of(table).as_markdown()}"""
+
+
+def _reasons(found: Mapping[str, WorldFindings]) -> str:
+    """Why there is a dash."""
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for name, each in found.items():
+        why: dict[str, Any] = {STRATEGIES[strategy]: lived for strategy, lived in each.lived.items()}
+        why |= {LIMIT: each.possible, ANY: each.any_curvature}
+        for label, reason in why.items():
+            if isinstance(reason, str) and label != STRATEGIES[OPTIMAL]:
+                reasons.setdefault((label, reason), []).append(name)
+    lines = [f"- {label} in {', '.join(names)}: {reason}." for (label, reason), names in reasons.items()]
+    return "\n".join(["## Why there is a dash", "", *(lines or ["There is none."]), ""])
+
+
+# --- the figure ---------------------------------------------------------------------------------------------
+
+
+def draw(found: Mapping[str, WorldFindings], folder: Path) -> None:
+    """Draw a panel for each world."""
+    (folder / FIGURES).mkdir(parents=True, exist_ok=True)
+    columns = min(PANELS, len(found))
+    lines = -(-len(found) // columns)
+    with style.in_style():
+        figure = style.canvas(1.0, 0.08 + 0.3 * lines)
+        panels = figure.subplots(lines, columns, sharey=True, squeeze=False)
+        for axes, (name, each) in zip(panels.flat, found.items(), strict=False):
+            _panel(axes, each)
+            axes.set_title(style.plain(name))
+        for axes in panels.flat[len(found) :]:
+            axes.set_visible(False)
+        panels[0, 0].set_yticks(
+            range(len(STRATEGIES)), [label.split(":")[0] for label in STRATEGIES.values()]
+        )
+        panels[0, 0].invert_yaxis()
+        figures.save(figure, folder / FIGURES / FIGURE)
+
+
+def _panel(axes: Any, found: WorldFindings) -> None:
+    """Fractions of the limit with their intervals; around an egg the part that arrives."""
+    egg = found.world.egg is not None
+    for place, strategy in enumerate(STRATEGIES):
+        number = found.arrived(strategy) if egg else found.fraction(strategy)
+        if number is None:
+            axes.text(0.0, place, "–", ha="center", va="center", color="#777777")
+            continue
+        ends = number.interval or (number.value, number.value)
+        apart = [[number.value - ends[0]], [ends[1] - number.value]]
+        colour = COLOURS.get(strategy, DEVISED)
+        axes.errorbar(number.value, place, xerr=apart, color=colour, marker="o", ms=4, capsize=2, lw=1)
+        axes.plot([0, number.value], [place, place], color=colour, lw=0.8, alpha=0.5, zorder=0)
+    axes.axvline(1.0, color="#bbbbbb", lw=0.6, zorder=0)
+    axes.set(xlim=(-0.08, 1.08), xlabel="part that arrives" if egg else "of the limit")
+    axes.set_xticks([0, 0.5, 1], ["0", "50%", "100%"])
