@@ -12,14 +12,13 @@ from trainers.studies.claims import (
     REPRODUCED,
     REVERSED,
     Criterion,
-    Estimate,
     all_claims,
-    estimate,
     judged,
-    loss,
     statements,
 )
+from trainers.studies.estimates import Estimate, estimate, loss
 from trainers.studies.paper.measurements import (
+    MEASURES,
     Case,
     Circle,
     Evidence,
@@ -38,7 +37,7 @@ from trainers.studies.paper.plan import RECORDS
 CELLS, SEEDS = 60, (0, 1, 2, 3, 4)
 STARTS = np.random.default_rng(7).standard_normal(CELLS)  # what a start does to the gain under every policy
 DEVISED = ("greedy", "swinging", "optimal")
-STATEMENTS = {statement.id: statement for statement in statements()}
+STATEMENTS = {statement.id: statement for statement in statements("trainers.studies.paper", MEASURES)}
 
 
 def lives(gain=20.0, *, seeds=SEEDS, std=1.0, angle=0.0, arrived=1.0, winding=90.0, broken=0.3, **changes):
@@ -79,7 +78,7 @@ def evidence(samples, circles=None, training=None):
 
 def claim(identity, samples, **others):
     """The claim with this name, judged on samples by CASE/KIND."""
-    return judged(STATEMENTS[identity], evidence(samples, **others), "paper")
+    return judged(STATEMENTS[identity], evidence(samples, **others).sample, "paper")
 
 
 @pytest.mark.parametrize(
@@ -198,14 +197,14 @@ def everything():
 
 
 def test_where_everything_is_as_the_paper_says_every_claim_is_reproduced():
-    found = all_claims(everything(), ["paper"])
+    found = all_claims(STATEMENTS.values(), everything().sample, ["paper"])
     assert {claim.id: claim.verdict for claim in found if claim.verdict != REPRODUCED} == {}
-    assert [claim.id for claim in found] == [statement.id for statement in statements()]
+    assert [claim.id for claim in found] == list(STATEMENTS)
     assert len({claim.id for claim in found}) == len(found) == 57
 
 
 def test_claims_without_measurements_are_left_out():
-    found = all_claims(evidence({"radial/dqn": lives()}), ["paper", "swarm"])
+    found = all_claims(STATEMENTS.values(), evidence({"radial/dqn": lives()}).sample, ["paper", "swarm"])
     assert [claim.id for claim in found] == ["radial_arrives", "radial_spirals"]
 
 
@@ -215,7 +214,9 @@ def test_a_claim_is_judged_under_each_recipe_that_trains_for_it_and_else_once():
         for (recipe, kind), each in list(measured.lives.items()):
             if recipe:
                 measured.lives["swarm", kind] = each
-    found = [(claim.id, claim.recipe) for claim in all_claims(both, ["swarm", "paper"])]
+    found = [
+        (claim.id, claim.recipe) for claim in all_claims(STATEMENTS.values(), both.sample, ["swarm", "paper"])
+    ]
     place = found.index(("dqn_beats_greedy_linear_n4", "swarm"))
     assert found[place + 1] == ("dqn_beats_greedy_linear_n4", "paper")
     assert [recipe for name, recipe in found if name == "angle_greedy_linear_n2"] == [None]

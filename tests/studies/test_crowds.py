@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from swarm.policies import network
-from trainers.studies.crowd import measurements
-from trainers.studies.crowd.measurements import CrowdEvidence, Sample, with_best
-from trainers.studies.crowd.plan import SHIPPED, TRAININGS, CrowdPlan
 from trainers.studies import zoo
+from trainers.studies.crowd import measurements
+from trainers.studies.crowd.measurements import Sample, with_best
+from trainers.studies.crowd.plan import SHIPPED, TRAININGS, CrowdPlan
 from trainers.studies.crowd.study import STUDY
 from trainers.training import run as running
 from trainers.training.run_folder import RunError
@@ -96,5 +96,5 @@ def test_the_best_shear_rate_is_chosen_among_other_cells():
 
     found = {"shear_0": sample(0, 1), "shear_1": sample(1, 1), "shear_2": sample(0, 0)}
     found |= {"shear_0_choice": sample(0, 0), "shear_1_choice": sample(0, 0), "shear_2_choice": sample(1, 1)}
-    best = CrowdEvidence(with_best(found, (0.0, 1.0, 2.0)))
-    assert best.sample("shear_best/greedy", "swarm") is found["shear_2"]["greedy"]
+    best = with_best(found, (0.0, 1.0, 2.0))["shear_best"]
+    assert best["greedy"] is found["shear_2"]["greedy"]

@@ -61,7 +61,7 @@ def sparing():
 def done(tmp_path_factory, sparing):
     """The folder of a whole reproduction, a copy without the runs, and the claims."""
     folder = tmp_path_factory.mktemp("reproduction")
-    found = STUDY.carry_out(MINIATURE, folder / "out", folder / "published")
+    found = STUDY.carry_out(MINIATURE, folder / "out", folder / "published").claims
     return SimpleNamespace(out=folder / "out", published=folder / "published", claims=found)
 
 
@@ -78,6 +78,9 @@ def shipped(done, tmp_path, monkeypatch):
 def rows(path):
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
+
+
+FILES = (*STUDY.files, *STUDY.folders, RECORD, REPORT)
 
 
 def test_every_file_is_there_and_nothing_else(done):

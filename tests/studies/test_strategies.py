@@ -10,7 +10,7 @@ from swarm import World
 from tests.studies.test_minimal import WORDS, carried_out
 from tests.trainers.test_cli import refused
 from trainers.studies.strategies import report
-from trainers.studies.strategies.measurements import Lived, WorldFindings
+from trainers.studies.strategies.measurements import ANY, LIMIT, Lived, WorldFindings
 from trainers.studies.strategies.plan import DQN, OPTIMAL, PPO, STRATEGIES, StrategiesPlan
 from trainers.studies.strategies.study import STUDY
 
@@ -60,7 +60,7 @@ def test_fractions_are_of_each_cells_own_limit_and_times_of_all_or_none():
         "same": Lived(0.5 * most[None], np.ones((1, 3), bool), np.array([[4.0, 5.0, 6.0]])),
         "some": Lived(most[None], np.array([[True, False, True]]), np.zeros((1, 3))),
     }
-    found = WorldFindings(World(field="radial"), lived, most, "none is known")
+    found = WorldFindings(World(field="radial"), lived, most, None, {})
     fraction = found.fraction("same")
     assert fraction.value == 0.5
     np.testing.assert_allclose(fraction.interval, 0.5, atol=1e-12)  # the spread of cells is that of the limit
@@ -75,14 +75,13 @@ def test_intervals_of_fractions_hold_the_truth():
         most = 30 + random.normal(size=40)
         gain = 0.9 * most + 0.4 * random.normal(size=(5, 1)) + 0.2 * random.normal(size=(5, 40))
         lived = {DQN: Lived(gain, np.zeros((5, 40), bool), np.zeros((5, 40)))}
-        low, high = WorldFindings(World(), lived, most, "").fraction(DQN).interval
+        low, high = WorldFindings(World(), lived, most, None, {}).fraction(DQN).interval
         held += low < 0.9 < high
     assert 0.92 < held / trials < 0.99
 
 
 def test_dashes_of_the_same_reason_are_told_once():
-    lived = dict.fromkeys(STRATEGIES, "too dark")
-    one = WorldFindings(World(), lived, "too dark", "too dark")
+    one = WorldFindings(World(), {}, None, None, dict.fromkeys((*STRATEGIES, LIMIT, ANY), "too dark"))
     told = report.text(TINY, {"a": one, "b": one})
     assert told.count("too dark") == len(STRATEGIES) + 1  # all but the optimal, and both limits
     assert "- greedy in a, b: too dark." in told

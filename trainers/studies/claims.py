@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib import resources
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -110,21 +110,16 @@ class Claim(NamedTuple):
     by_seed: dict[str, list[float]]  # the number of every seed in each sample
 
 
-class Samples(Protocol):
-    """Evidence of any kind."""
-
-    def sample(self, where: str, recipe: str) -> Any:
-        """What was measured at CASE/KIND under a recipe, with its `seeds`; None where nothing was."""
-        ...
+Sample = Callable[[str, str], Any]  # what was measured at CASE/KIND under a recipe; None where nothing was
 
 
-def judged(statement: Statement, evidence: Samples, recipe: str) -> Claim | None:
+def judged(statement: Statement, sample: Sample, recipe: str) -> Claim | None:
     """The verdict on a statement under a recipe; None where something was not measured."""
-    found = [evidence.sample(where, recipe) for where in statement.samples]
-    samples = [statement.measure.values(each) for each in found if each is not None]
-    if len(samples) < len(found):
+    found = [sample(where, recipe) for where in statement.samples]
+    if any(each is None for each in found):
         return None
-    seeds = next((each.seeds for each in found if each is not None and each.seeds), ())
+    samples = [statement.measure.values(each) for each in found]
+    seeds = next((each.seeds for each in found if each.seeds), ())
     part = statement.measure.part if len(samples) == 1 else None
     number = estimate(*samples, combine=statement.measure.combine, part=part)
     means = [sample.mean(axis=1).tolist() for sample in samples]
@@ -145,11 +140,10 @@ def judged(statement: Statement, evidence: Samples, recipe: str) -> Claim | None
     )
 
 
-def all_claims(asked: Iterable[Statement], evidence: Samples, recipes: Sequence[str]) -> list[Claim]:
+def all_claims(asked: Iterable[Statement], sample: Sample, recipes: Sequence[str]) -> list[Claim]:
     """Every statement whose measurements are there: once if nobody trains for it, else under each recipe."""
     found: dict[tuple[str, str | None], Claim] = {}
-    for statement in asked:
-        for recipe in recipes or (DEVISED,):
-            if (claim := judged(statement, evidence, recipe)) is not None:
-                found.setdefault((claim.id, claim.recipe), claim)
+    for statement, recipe in itertools.product(asked, recipes or (DEVISED,)):
+        if (claim := judged(statement, sample, recipe)) is not None:
+            found.setdefault((claim.id, claim.recipe), claim)
     return list(found.values())

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm._support import files, provenance, tensors
+from swarm._support.checks import check_installed
 from swarm._support.tables import Table
 from trainers.jobs.executors import Task, run_tasks
 from trainers.studies import stacks, zoo
@@ -49,7 +50,7 @@ class Study(NamedTuple):
     find: Callable[[Any, Sequence[Training], Path], Any]  # of a plan, its trainings and the folder
     write: Callable[[Any, Sequence[Training], Any, Path], Contents]  # of what was found; it draws figures
     folders: tuple[str, ...] = (FIGURES,)  # whose files are all its own
-    needs: Callable[[], None] = lambda: None  # raises ImportError where a package is missing
+    needs: tuple[str, ...] = ()  # what needs packages of the extra `evolution`, and which
 
     def carry_out(
         self, plan: TrainingPlan, out: Path, publish: Path | None = None, *, ship: bool = False
@@ -59,7 +60,8 @@ class Study(NamedTuple):
 
         Returns what was found. Raises RunError, SettingsError, ImportError, KeyboardInterrupt or OSError.
         """
-        self.needs()
+        if self.needs:
+            check_installed(*self.needs, extra="evolution")
         for folder in (out, publish or out):
             self.check(folder)
         if ship and plan.quick:
@@ -90,25 +92,16 @@ class Study(NamedTuple):
         if not os.access(there, os.W_OK):
             raise RunError(f"{folder} must be a folder to write to, but {there} is read-only")
         if (folder / RECORD).exists():
-            if not self._wrote(folder / RECORD):
-                raise RunError(
-                    f"{folder} must be a new folder or that of an earlier study of the same kind, got one "
-                    f"whose {RECORD} is of another"
-                )
-            return
-        names = (REPORT, *self.files, *self.folders, zoo.FOLDER)
-        for path in sorted(folder.iterdir()) if folder.is_dir() else ():
-            if path.name in names:
-                raise RunError(
-                    f"{folder} must be a new folder or that of an earlier study, but {path} is there without "
-                    f"{RECORD}"
-                )
-            known = path.name in UNFINISHED or path.name.startswith(".")
-            if not known and (path.is_dir() or path.suffix in RESULTS):
-                raise RunError(
-                    f"{folder} must be a new folder or that of an earlier study of the same kind, got one "
-                    f"that holds {path.name}"
-                )
+            strange = [] if self._wrote(folder / RECORD) else [f"another's {RECORD}"]
+        else:
+            mine = (REPORT, *self.files, *self.folders, zoo.FOLDER)
+            there_now = sorted(folder.iterdir()) if folder.is_dir() else []
+            strange = [path.name for path in there_now if path.name in mine or _is_result(path)]
+        if strange:
+            raise RunError(
+                f"{folder} must be a new folder or that of an earlier study of the same kind, got one that "
+                f"holds {strange[0]}"
+            )
 
     def _wrote(self, record: Path) -> bool:
         """Whether a record is of this kind of study."""
@@ -129,6 +122,12 @@ class Study(NamedTuple):
         for path in sorted(written, key=lambda path: (path.name == REPORT, path.name != RECORD)):
             (out / path).parent.mkdir(parents=True, exist_ok=True)
             files.write_bytes(out / path, (staged / path).read_bytes())
+
+
+def _is_result(path: Path) -> bool:
+    """Whether something else may have written it, and would miss it."""
+    hidden = path.name in UNFINISHED or path.name.startswith(".")
+    return not hidden and (path.is_dir() or path.suffix in RESULTS)
 
 
 def _write(contents: Contents, plan: TrainingPlan, folder: Path) -> None:

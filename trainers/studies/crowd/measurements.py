@@ -51,15 +51,7 @@ def level(sample: Sample, measure: str) -> Estimate:
     return estimate(found.values(sample), part=found.part)
 
 
-class CrowdEvidence(NamedTuple):
-    """Everything that was measured."""
-
-    found: Mapping[str, Mapping[str, Sample]]  # by point and kind
-
-    def sample(self, where: str, recipe: str) -> Sample | None:
-        """What was measured at POINT/KIND; the recipe is the same for all."""
-        point, kind = where.split("/")
-        return self.found.get(point, {}).get(kind)
+Samples = Mapping[str, Mapping[str, Sample]]  # by point and kind
 
 
 def measure(point: Point) -> dict[str, Sample]:
@@ -159,9 +151,7 @@ def unpacked(task: Task, stored: Mapping[str, np.ndarray], card: Mapping[str, An
     return {kind: Sample(tuple(numbers.pop("seeds").tolist()), numbers) for kind, numbers in found.items()}
 
 
-def with_best(
-    found: Mapping[str, Mapping[str, Sample]], rates: Sequence[float]
-) -> dict[str, Mapping[str, Sample]]:
+def with_best(found: Samples, rates: Sequence[float]) -> Samples:
     """Everything, and as `shear_best` each kind at the shear rate at which most arrive among other cells."""
     names = [f"{SHEAR}_{rate:g}" for rate in rates]
     best: dict[str, Sample] = {}

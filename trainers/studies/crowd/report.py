@@ -1,14 +1,17 @@
-"""The report on crowds in words: verdicts, tables and figures, every number of which was just measured."""
+"""The report on crowds: verdicts, tables, figures and words, every number of which was just measured."""
 
 import math
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from swarm import figures
 from swarm._support.tables import NOTHING, Table
 from swarm.figures.style import look
 from trainers.studies.claims import NOT_REPRODUCED, REPRODUCED, REVERSED, Claim
-from trainers.studies.crowd.illustrations import CAPTIONS, PANELS, places
-from trainers.studies.crowd.measurements import MEASURES, CrowdEvidence, level
+from trainers.studies.crowd.measurements import MEASURES, Sample, Samples, level
 from trainers.studies.crowd.plan import CROWD, FILM, RACE, SHEAR, UPTAKE, VARIANTS, CrowdPlan
 from trainers.studies.estimates import columns, estimate, interval_of, number, opening, with_interval
 from trainers.studies.stacks import Trained
@@ -23,11 +26,45 @@ TITLES = {
 }
 
 
+CAPTIONS = {
+    UPTAKE: "Cells that eat what they follow: (a) how far they climb, (b) their gain, by the number of cells "
+    "in the same water. In the legend: what each policy was trained in.",
+    RACE: "The share of the wins of a learnt policy against greedy, by its share of the crowd. Dotted: as "
+    "many wins as cells.",
+    SHEAR: "The part of the cells that reach an egg in shear, by the shear rate.",
+    FILM: "A dense film with contact, with the flow of dipoles, with both and with neither: (a) gain, "
+    "(b) polar order, (c) distance of the nearest neighbour.",
+}
+
+
+class Panel(NamedTuple):
+    """What is read off the points of an experiment, and what its axes say."""
+
+    measure: str
+    label: str
+    quantity: str
+
+
+PANELS = {
+    UPTAKE: (
+        Panel("height", "cells that eat", "height climbed"),
+        Panel("gain", "cells that eat", r"gain $\Delta c$"),
+    ),
+    RACE: (Panel("share of wins", "share of the crowd", "share of the wins"),),
+    SHEAR: (Panel("part that arrives", r"shear rate $\gamma$", "part that arrives"),),
+    FILM: (
+        Panel("gain", "", r"gain $\Delta c$"),
+        Panel("polar order", "", "polar order"),
+        Panel("nearest neighbour", "", "nearest neighbour"),
+    ),
+}
+
+
 class CrowdFindings(NamedTuple):
     """All that the experiments came to."""
 
     plan: CrowdPlan
-    evidence: CrowdEvidence
+    samples: Samples
     claims: Sequence[Claim]  # their verdicts in the words of `VERDICTS`
     trained: dict[str, Trained]  # by experiment
     limit: float | None  # of a cell alone, in the same lives
@@ -36,9 +73,9 @@ class CrowdFindings(NamedTuple):
 
 def rows(found: CrowdFindings, experiment: str) -> Iterator[dict[str, Any]]:
     """A row for every point and kind of an experiment."""
-    for name in places(found.plan, experiment):
-        for kind, sample in found.evidence.found[name].items():
-            row: dict[str, Any] = {"experiment": experiment, "at": name.partition("_")[2], "policy": kind}
+    for name, value in places(found.samples, experiment).items():
+        for kind, sample in found.samples[name].items():
+            row: dict[str, Any] = {"experiment": experiment, "at": value, "policy": kind}
             row |= {"seeds": len(sample.seeds) or None, "units": next(iter(sample.numbers.values())).shape[1]}
             for panel in PANELS[experiment]:
                 row |= columns(panel.measure, level(sample, panel.measure))
@@ -89,9 +126,9 @@ def _verdicts(claims: Sequence[Claim]) -> str:
 
 def _experiment(found: CrowdFindings, experiment: str) -> str:
     table = []
-    for name in places(found.plan, experiment):
-        for kind, sample in found.evidence.found[name].items():
-            row = {"at": name.partition("_")[2], "policy": look(kind).label}
+    for name, value in places(found.samples, experiment).items():
+        for kind, sample in found.samples[name].items():
+            row = {"at": value, "policy": look(kind).label}
             row |= {
                 panel.measure: with_interval(level(sample, panel.measure)) for panel in PANELS[experiment]
             }
@@ -134,7 +171,7 @@ arrive closes it. Starts rotate, so that every policy has every start. Worlds fo
 def _shear(found: CrowdFindings) -> str:
     (left, right), (low, high) = found.plan.shear_box
     world, age = found.plan.world(SHEAR), getattr(found.plan.world(SHEAR).field, "age", 0.0)
-    kinds = found.evidence.found[f"{SHEAR}_best"]
+    kinds = found.samples[f"{SHEAR}_best"]
     chosen = ", ".join(f"{_best(found, kind)} for {look(kind).label}" for kind in kinds)
     return f"""An egg releases steadily, in two dimensions, and began {age:g} before.
 {found.plan.shear_cells} cells start anywhere in [{left:g}, {right:g}] × [{low:g}, {high:g}], do not meet,
@@ -144,17 +181,17 @@ it is then tested with: {chosen}."""
 
 
 def _best(found: CrowdFindings, kind: str) -> str:
-    best = found.evidence.found[f"{SHEAR}_best"][kind]
+    best = found.samples[f"{SHEAR}_best"][kind]
     rates = (f"{SHEAR}_{rate:g}" for rate in found.plan.shear_rates)
-    return next(name for name in rates if found.evidence.found[name][kind] is best).partition("_")[2]
+    return next(name for name in rates if found.samples[name][kind] is best).partition("_")[2]
 
 
 def _film(found: CrowdFindings) -> str:
     plan, world = found.plan, found.plan.world(FILM)
     rivals = []
     for variant in list(VARIANTS)[1:]:
-        for kind, sample in found.evidence.found[f"{FILM}_{variant}"].items():
-            neither = found.evidence.found[f"{FILM}_neither"][kind]
+        for kind, sample in found.samples[f"{FILM}_{variant}"].items():
+            neither = found.samples[f"{FILM}_neither"][kind]
             row = {"against neither": variant, "policy": look(kind).label}
             for panel in PANELS[FILM]:
                 values = MEASURES[panel.measure].values
@@ -179,3 +216,50 @@ def _costs(found: CrowdFindings) -> str:
         for name, each in found.minutes.items()
     ]
     return f"## Trainings\n\n{Table.of(table).as_markdown()}"
+
+
+# --- figures ------------------------------------------------------------------------------------------------
+
+
+def draw(samples: Samples, folder: Path) -> list[str]:
+    """Draw the figure of every experiment that was measured; their names."""
+    (folder / FIGURES).mkdir(parents=True, exist_ok=True)
+    drawn = [experiment for experiment in PANELS if places(samples, experiment)]
+    for experiment in drawn:
+        figure = figures.sweeps(list(_sweeps(samples, experiment)))
+        figures.save(figure, folder / FIGURES / f"{experiment}.png")
+    return drawn
+
+
+def places(samples: Samples, experiment: str) -> dict[str, str]:
+    """Names of an experiment's points, and what was varied there."""
+    values = {name: name.removeprefix(f"{experiment}_") for name in samples if name.startswith(experiment)}
+    return {name: value for name, value in values.items() if value != "best" and "choice" not in value}
+
+
+def _sweeps(samples: Samples, experiment: str) -> Iterator[figures.Sweep]:
+    where = places(samples, experiment)
+    shown = list(dict.fromkeys(kind for name in where for kind in samples[name]))
+    in_order = experiment in (SHEAR, FILM)
+    at = list(range(len(where))) if in_order else [float(value) for value in where.values()]
+    marks = {} if experiment == RACE else dict(zip(at, where.values(), strict=True))
+    for panel in PANELS[experiment]:
+        yield figures.Sweep(
+            at,
+            {
+                kind: np.array([_numbers(samples[name][kind], panel.measure) for name in where])
+                for kind in shown
+            },
+            panel.label,
+            panel.quantity,
+            marks,
+            logarithmic=experiment == UPTAKE,
+            joined=experiment != FILM,
+            chance={"by chance": (at[0], at[-1])} if experiment == RACE else {},
+        )
+
+
+def _numbers(sample: Sample, measure: str) -> tuple[float, float, float]:
+    """The mean and its interval."""
+    found = level(sample, measure)
+    return (found.value, *(found.interval or (np.nan, np.nan)))

@@ -3,17 +3,16 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from swarm.optimal.physical_limit import limit
 from swarm.physics.starts import draw_starts
 from trainers.jobs.executors import Task
 from trainers.studies import stacks, zoo
 from trainers.studies.claims import all_claims, statements
-from trainers.studies.crowd import illustrations, report
+from trainers.studies.crowd import report
 from trainers.studies.crowd.measurements import (
     MEASURES,
-    CrowdEvidence,
+    Sample,
     file_of,
     measure,
     packed,
@@ -47,15 +46,18 @@ def find(plan: CrowdPlan, planned: Sequence[Training], out: Path) -> CrowdFindin
     wanted = points(plan, {name: each.stack for name, each in trained.items()})
     tasks = {file_of(each, out / MEASURED): Task(each.name, measure, (each,), work(each)) for each in wanted}
     by_name = do_once(plan.executor(), tasks, "points", packed, unpacked)
-    evidence = CrowdEvidence(with_best(by_name, plan.shear_rates))
-    asked = statements("trainers.studies.crowd", MEASURES)
-    claims = [
-        each._replace(verdict=VERDICTS[each.verdict]) for each in all_claims(asked, evidence, plan.recipes)
-    ]
+    samples = with_best(by_name, plan.shear_rates)
+
+    def sample(where: str, recipe: str) -> Sample | None:
+        point, kind = where.split("/")
+        return samples.get(point, {}).get(kind)
+
+    claims = all_claims(statements("trainers.studies.crowd", MEASURES), sample, plan.recipes)
+    claims = [each._replace(verdict=VERDICTS[each.verdict]) for each in claims]
     alone = plan.world(CROWD).replace(medium=None)
     cells = max(cells for cells, _ in plan.crowds)
     bound = limit(alone, draw_starts(alone, cells, plan.seed))
-    return CrowdFindings(plan, evidence, claims, trained, bound, minutes(planned))
+    return CrowdFindings(plan, samples, claims, trained, bound, minutes(planned))
 
 
 def work(point: Point) -> float:
@@ -81,11 +83,12 @@ def write(plan: CrowdPlan, planned: Sequence[Training], found: CrowdFindings, fo
     """Figures, policies to be shipped, whose cards tell of the test in the world they were trained for, and
     tables.
     """
-    drawn = illustrations.draw(plan, found.evidence, folder)
+    drawn = report.draw(found.samples, folder)
     for name, where in SHIPPED.items() if planned else ():
-        trained, sample = found.trained[name], found.evidence.sample(where, plan.recipes[0])
-        numbers: dict[str, Any] = {} if sample is None else sample.numbers
-        tested = {name: float(values[trained.stack.chosen].mean()) for name, values in numbers.items()}
+        trained, (point, _, kind) = found.trained[name], where.partition("/")
+        sample = found.samples.get(point, {}).get(kind, Sample((), {}))
+        chosen = trained.stack.chosen
+        tested = {name: float(values[chosen].mean()) for name, values in sample.numbers.items()}
         told = tested | {"test": where, "seed": plan.seed}
         zoo.put(folder / zoo.FOLDER, trained, told)
     about = {

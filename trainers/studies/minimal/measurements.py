@@ -32,6 +32,7 @@ METHODS = {
     NEAT: "NEAT",
     MACHINE: "two-state machine",
 }
+LEVELS = (0.95, 0.99)  # of the limit
 MOST_OF_NEAT = 24  # parameters
 
 
@@ -65,15 +66,23 @@ class CaseFindings(NamedTuple):
         """Of the limit, in the test."""
         return estimate(each.gain / self.limit)
 
+    def by_size(self, method: str) -> list[Measured]:
+        """A method's rungs, of those of the same size the one that validation prefers, by size."""
+        best: dict[int, Measured] = {}
+        for each in self.measured:
+            size = each.rung.parameters
+            if each.rung.method == method and (
+                size not in best or each.validation.mean() > best[size].validation.mean()
+            ):
+                best[size] = each
+        return [best[size] for size in sorted(best)]
+
     def smallest(self, method: str, level: float) -> Measured | None:
         """The rung with the fewest parameters whose validation cells reach that part of the limit, or of
         what is attainable.
         """
         wanted = level * (self.attainable or self.validation_limit)
-        fit = [
-            each for each in self.measured if each.rung.method == method and each.validation.mean() >= wanted
-        ]
-        return min(fit, key=lambda each: (each.rung.parameters, -float(each.validation.mean())), default=None)
+        return next((each for each in self.by_size(method) if each.validation.mean() >= wanted), None)
 
 
 Networks = Mapping[tuple[str, int], Sequence[Network]]  # that were trained, by algorithm and nodes

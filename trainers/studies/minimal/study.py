@@ -7,14 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarm._support.checks import check_installed
 from swarm.physics.starts import draw_starts
 from trainers.jobs.executors import Task
 from trainers.studies import stacks
-from trainers.studies.minimal import drawing, illustrations, report
+from trainers.studies.minimal import drawing, report
 from trainers.studies.minimal.brain import gains
-from trainers.studies.minimal.illustrations import LEVELS
 from trainers.studies.minimal.measurements import (
+    LEVELS,
     METHODS,
     CaseFindings,
     Rung,
@@ -93,7 +92,7 @@ def chosen(case: str, plan: MinimalPlan, found: CaseFindings) -> Drawn:
 
 def write(plan: MinimalPlan, planned: Sequence[Training], found: Findings, folder: Path) -> Contents:
     """The figure, a drawing of each case's smallest brain, and tables."""
-    illustrations.draw(found.cases, folder)
+    report.draw(found.cases, folder)
     drawn = {case: chosen(case, plan, each) for case, each in found.cases.items()}
     for case, each in drawn.items():
         path = folder / FIGURES / f"brain_{case}.svg"
@@ -108,9 +107,4 @@ def write(plan: MinimalPlan, planned: Sequence[Training], found: Findings, folde
     )
 
 
-def needs() -> None:
-    """Raises ImportError without the packages that search."""
-    check_installed("the searches need", "cma", "neat", extra="evolution")
-
-
-STUDY = Study("nodes", (RESULTS,), find, write, needs=needs)
+STUDY = Study("nodes", (RESULTS,), find, write, needs=("the searches need", "cma", "neat"))

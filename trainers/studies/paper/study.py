@@ -13,7 +13,7 @@ from swarm.population.statistics import fraction_of_limit
 from trainers.jobs.executors import Task
 from trainers.studies import stacks, zoo
 from trainers.studies.claims import DEVISED, all_claims, statements
-from trainers.studies.paper import report, tables
+from trainers.studies.paper import report
 from trainers.studies.paper.illustrations import draw_all
 from trainers.studies.paper.measurements import (
     MEASURES,
@@ -25,7 +25,7 @@ from trainers.studies.paper.measurements import (
     swinging_circle,
 )
 from trainers.studies.paper.plan import EGG, RECORDS, TESTS, Plan
-from trainers.studies.paper.tables import Findings
+from trainers.studies.paper.report import Findings
 from trainers.studies.plan import Training
 from trainers.studies.stacks import Stack
 from trainers.studies.study import FIGURES, Contents, Study, do
@@ -44,7 +44,7 @@ def find(plan: Plan, planned: Sequence[Training], out: Path) -> Findings:
     gains = {key: each.gains for key, each in trained.items() if each.gains is not None}
     evidence = Evidence(measured(plan, tests), circles(plan, tests), gains)
     recipes = list(dict.fromkeys(recipe for case in tests for recipe in case.recipes))
-    claims = all_claims(statements("trainers.studies.paper", MEASURES), evidence, recipes)
+    claims = all_claims(statements("trainers.studies.paper", MEASURES), evidence.sample, recipes)
     return Findings(plan, planned, trained, tests, evidence, claims)
 
 
@@ -102,7 +102,7 @@ def write(plan: Plan, planned: Sequence[Training], found: Findings, folder: Path
                 trained = found.trained[stack.recipe, stack.experiment]
                 zoo.put(folder / zoo.FOLDER, trained, tested(stack, case, found))
     return Contents(
-        {RESULTS: tables.result_rows(found), SEEDS: list(tables.seed_rows(found))},
+        {RESULTS: report.result_rows(found), SEEDS: list(report.seed_rows(found))},
         {"trainings": where_from(found)},
         report.text(found, drawn),
         {CLAIMS: found.claims},

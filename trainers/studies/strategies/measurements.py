@@ -17,6 +17,8 @@ from trainers.studies.minimal import search
 from trainers.studies.minimal.brain import Brains
 from trainers.studies.strategies.plan import DQN, MINIMAL, PPO, STRATEGIES, StrategiesPlan
 
+LIMIT, ANY = "the limit", "the limit, any curvature"
+
 
 class Lived(NamedTuple):
     """Lives of the same cells under one strategy, of every training seed where it is trained."""
@@ -27,34 +29,34 @@ class Lived(NamedTuple):
 
 
 class WorldFindings(NamedTuple):
-    """What was found in one world. Texts say why there is nothing."""
+    """What was found in one world."""
 
     world: World
-    lived: Mapping[str, Lived | str]  # by strategy
-    possible: np.ndarray | str  # (cells,) the largest gains, whose mean is the limit [concentration]
-    any_curvature: np.ndarray | str  # the same where curvatures are actions
+    lived: Mapping[str, Lived]  # by strategy
+    possible: np.ndarray | None  # (cells,) the largest gains, whose mean is the limit [concentration]
+    any_curvature: np.ndarray | None  # the same where curvatures are actions
+    why_not: Mapping[str, str]  # of strategies and limits that are missing
 
     def gain(self, strategy: str) -> Estimate | None:
         """Mean gain [concentration]; None where there is none."""
-        lived = self.lived[strategy]
-        return None if isinstance(lived, str) else estimate(lived.gain)
+        return estimate(self.lived[strategy].gain) if strategy in self.lived else None
 
     def fraction(self, strategy: str, *, any_curvature: bool = False) -> Estimate | None:
         """Of the limit, cell by cell; None where there is none."""
-        lived, most = self.lived[strategy], self.any_curvature if any_curvature else self.possible
-        if isinstance(lived, str) or isinstance(most, str):
+        most = self.any_curvature if any_curvature else self.possible
+        if most is None or strategy not in self.lived:
             return None
-        return estimate(lived.gain, most[None], combine=lambda gained, possible: gained / possible)
+        return estimate(self.lived[strategy].gain, most[None], combine=lambda gained, limit: gained / limit)
 
     def arrived(self, strategy: str) -> Estimate | None:
         """The part that reaches the egg; None where there is none."""
-        lived = self.lived[strategy]
-        return None if isinstance(lived, str) or self.world.egg is None else estimate(lived.arrived)
+        seen = self.world.egg is not None and strategy in self.lived
+        return estimate(self.lived[strategy].arrived) if seen else None
 
     def time_to_egg(self, strategy: str) -> Estimate | None:
         """How long cells take to the egg [time]; None unless all reach it."""
-        lived = self.lived[strategy]
-        return None if isinstance(lived, str) or not lived.arrived.all() else estimate(lived.lifetime)
+        all_arrive = strategy in self.lived and self.lived[strategy].arrived.all()
+        return estimate(self.lived[strategy].lifetime) if all_arrive else None
 
 
 def minimal(name: str, plan: StrategiesPlan) -> Brains:
@@ -74,23 +76,27 @@ def measure(
         **trained,
         MINIMAL: [smallest[seed : seed + 1] for seed in range(len(smallest))],
     }
-    found: dict[str, Lived | str] = {}
+    worlds = {PPO: continuous, MINIMAL: world.replace(sense_flow=False)}
+    found: dict[str, Lived] = {}
+    why: dict[str, str] = {}
     for strategy in STRATEGIES:
-        where: World | str = world
-        if strategy == PPO:
-            where = continuous
-        elif strategy == MINIMAL:
-            where = world.replace(sense_flow=False)
+        where = worlds.get(strategy, world)
         try:
             if isinstance(where, str):
                 raise ValueError(where)
             players = policies.get(strategy) or [evaluation.STRATEGIES[strategy](where)]
         except ValueError as error:
-            found[strategy] = str(error)
+            why[strategy] = str(error)
             continue
         found[strategy] = _lived(where, players, starts, plan.seed, strategy)
-    free = continuous if isinstance(continuous, str) else possible(continuous, starts)
-    return WorldFindings(world, found, possible(world, starts), free)
+    most: dict[str, np.ndarray] = {}
+    for limited, where in ((LIMIT, world), (ANY, continuous)):
+        gains = where if isinstance(where, str) else possible(where, starts)
+        if isinstance(gains, str):
+            why[limited] = gains
+        else:
+            most[limited] = gains
+    return WorldFindings(world, found, most.get(LIMIT), most.get(ANY), why)
 
 
 def _lived(world: World, players: Sequence[AnyPolicy], starts: Starts, seed: int, name: str) -> Lived:

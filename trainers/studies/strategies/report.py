@@ -1,6 +1,6 @@
 """The report on all strategies: a table, a figure and words, every number of which was just measured."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +8,7 @@ from swarm import figures
 from swarm._support.tables import Table, percent
 from swarm.figures import style
 from trainers.studies.estimates import Row, columns, half, opening, percent_of
-from trainers.studies.strategies.measurements import Lived, WorldFindings
+from trainers.studies.strategies.measurements import ANY, LIMIT, WorldFindings
 from trainers.studies.strategies.plan import DQN, MINIMAL, OPTIMAL, PPO, STRATEGIES, WORLDS, StrategiesPlan
 from trainers.studies.study import FIGURES
 
@@ -16,22 +16,20 @@ FIGURE, PANELS = "strategies.png", 4  # side by side
 COLOURS = {DQN: "#0072B2", PPO: "#E69F00", MINIMAL: "#CC79A7", OPTIMAL: style.INK}  # others: devised
 DEVISED = "#009E73"
 OWN = f"{STRATEGIES[PPO]}, of its own limit"
-LIMIT, ANY = "the limit", "the limit, any curvature"
 
 
 def rows(name: str, found: WorldFindings) -> Iterator[Row]:
     """A row for every strategy."""
-    for strategy, lived in found.lived.items():
-        row: Row = {"world": name, "strategy": strategy}
-        seeds, cells = lived.gain.shape if isinstance(lived, Lived) else (None, None)
-        row |= {"seeds": seeds, "cells": cells}
+    for strategy in STRATEGIES:
+        seeds, cells = found.lived[strategy].gain.shape if strategy in found.lived else (None, None)
+        row: Row = {"world": name, "strategy": strategy, "seeds": seeds, "cells": cells}
         own = found.fraction(strategy, any_curvature=True) if strategy == PPO else None
         numbers = {"gain": found.gain(strategy), "of the limit": found.fraction(strategy)}
         numbers |= {"of its own limit": own, "arrived": found.arrived(strategy)}
         numbers["time to the egg"] = found.time_to_egg(strategy)
         for what, number in numbers.items():
             row |= columns(what, number) | {f"{what}, worst seed": number and number.lowest}
-        yield row | {"why not": lived if isinstance(lived, str) else None}
+        yield row | {"why not": found.why_not.get(strategy)}
 
 
 def text(plan: StrategiesPlan, found: Mapping[str, WorldFindings]) -> str:
@@ -63,15 +61,19 @@ of the limit of the very same cells, whose spread is part of the interval."""
     return opening("All strategies", plan, ["strategies", *words, *plan.words], about)
 
 
+def _table(found: Mapping[str, WorldFindings], cell: Callable[[WorldFindings, str], Any]) -> list[Row]:
+    """A row for each strategy, in which each world has a cell."""
+    return [
+        {"strategy": label, **{name: cell(each, strategy) for name, each in found.items()}}
+        for strategy, label in STRATEGIES.items()
+    ]
+
+
 def fractions(found: Mapping[str, WorldFindings]) -> Table:
     """What part of the limit each strategy attains in each world."""
-    table: list[Row] = []
-    for strategy, label in STRATEGIES.items():
-        numbers = {name: each.fraction(strategy) for name, each in found.items()}
-        table.append({"strategy": label, **{name: percent_of(each) for name, each in numbers.items()}})
-        if strategy == PPO:
-            own = {name: each.fraction(PPO, any_curvature=True) for name, each in found.items()}
-            table.append({"strategy": OWN, **{name: percent_of(each) for name, each in own.items()}})
+    table = _table(found, lambda each, strategy: percent_of(each.fraction(strategy)))
+    own = {name: percent_of(each.fraction(PPO, any_curvature=True)) for name, each in found.items()}
+    table.insert(list(STRATEGIES).index(PPO) + 1, {"strategy": OWN, **own})
     return Table.of(table)
 
 
@@ -89,16 +91,14 @@ the line below PPO's is.
 
 
 def _gains(found: Mapping[str, WorldFindings]) -> str:
-    table: list[Row] = []
-    for strategy, label in STRATEGIES.items():
-        numbers = {name: each.gain(strategy) for name, each in found.items()}
-        told = {name: each and f"{each.value:.2f} ± {half(each, 2)}" for name, each in numbers.items()}
-        table.append({"strategy": label, **told})
+    def gain(each: WorldFindings, strategy: str) -> str | None:
+        number = each.gain(strategy)
+        return number and f"{number.value:.2f} ± {half(number, 2)}"
+
+    table = _table(found, gain)
     for label, field in ((LIMIT, "possible"), (ANY, "any_curvature")):
         limits = {name: getattr(each, field) for name, each in found.items()}
-        told = {
-            name: None if isinstance(each, str) else f"{each.mean():.2f}" for name, each in limits.items()
-        }
+        told = {name: None if most is None else f"{most.mean():.2f}" for name, most in limits.items()}
         table.append({"strategy": label, **told})
     return f"""## Gains
 
@@ -131,11 +131,9 @@ def _reasons(found: Mapping[str, WorldFindings]) -> str:
     """Why there is a dash."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for name, each in found.items():
-        why: dict[str, Any] = {STRATEGIES[strategy]: lived for strategy, lived in each.lived.items()}
-        why |= {LIMIT: each.possible, ANY: each.any_curvature}
-        for label, reason in why.items():
-            if isinstance(reason, str) and label != STRATEGIES[OPTIMAL]:
-                reasons.setdefault((label, reason), []).append(name)
+        for what, reason in each.why_not.items():
+            if what != OPTIMAL:
+                reasons.setdefault((STRATEGIES.get(what, what), reason), []).append(name)
     lines = [f"- {label} in {', '.join(names)}: {reason}." for (label, reason), names in reasons.items()]
     return "\n".join(["## Why there is a dash", "", *(lines or ["There is none."]), ""])
 

@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from swarm._support.checks import check_installed
 from trainers.jobs.executors import Task
 from trainers.studies import stacks
 from trainers.studies.plan import Training
@@ -39,9 +38,4 @@ def write(
     )
 
 
-def needs() -> None:
-    """Raises ImportError without the package that searches."""
-    check_installed("the search for the smallest brain needs", "cma", extra="evolution")
-
-
-STUDY = Study("worlds", (RESULTS,), find, write, needs=needs)
+STUDY = Study("worlds", (RESULTS,), find, write, needs=("the search for the smallest brain needs", "cma"))
