@@ -102,11 +102,11 @@ def strategies(
     """
     from swarm._support.terminal import print_table
     from trainers.studies.strategies.plan import StrategiesPlan
-    from trainers.studies.strategies.report import fractions
+    from trainers.studies.strategies.report import overview
     from trainers.studies.strategies.study import STUDY
 
     plan = StrategiesPlan(**_chosen("worlds", context.args), **_changes(seeds, jobs))
-    table = fractions(_carried_out(STUDY, plan, out, publish))
+    table = overview(_carried_out(STUDY, plan, out, publish))
     print_table(table.headings, table.texts)
     print(f"the report is {out / 'report.md'}")
 

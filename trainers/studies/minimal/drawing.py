@@ -3,9 +3,7 @@ in words.
 """
 
 import io
-import re
-import xml.etree.ElementTree
-from collections.abc import Sequence
+import math
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +15,8 @@ from swarm.physics.world import World
 from trainers.studies.minimal.brain import Brains
 
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-DIGITS = {character: str(place) for place, character in enumerate("₀₁₂₃₄₅₆₇₈₉")}
 OUTPUT = "κ₂ where "
 MOST = 24  # parameters of a drawing that can be read
-TERM = re.compile(r"([+−]) ([0-9.]+)(?: ([cκh][₀-₉]+))?")
 COLOURS = {True: "#0072B2", False: "#D55E00"}  # of weights above and below 0
 
 
@@ -59,35 +55,6 @@ def formulas(brain: Brains, digits: int) -> list[str]:
     return lines
 
 
-def typed_in(lines: Sequence[str], inputs: int) -> Brains:
-    """The brain that formulas describe, in any order; raises ValueError where there is no output."""
-    of_nodes = sorted(
-        (line for line in lines if line.startswith("h")), key=lambda line: _place(line.split(" ")[0])
-    )
-    outputs = [line for line in lines if line.startswith(OUTPUT)]
-    if len(outputs) != 1:
-        raise ValueError(f"formulas must say once where the output is {OUTPUT.strip()}, got {lines}")
-    nodes = len(of_nodes)
-    weights, biases = np.zeros((1, nodes + 1, inputs + nodes)), np.zeros((1, nodes + 1))
-    for row, line in enumerate([*of_nodes, *outputs]):
-        for sign, digits, name in TERM.findall(line):
-            number = float(digits) * (1 if sign == "+" else -1)
-            if not name:
-                biases[0, row] = number
-            else:
-                place = _place(name)
-                column = inputs + place if name[0] == "h" else 2 * place + (name[0] == "κ")
-                weights[0, row, column] = number
-    return Brains(weights, biases)
-
-
-def texts(path: Path) -> list[str]:
-    """The lines that a reader of a drawing can type in."""
-    root = xml.etree.ElementTree.fromstring(path.read_text(encoding="utf-8"))
-    found = ["".join(each.itertext()).strip() for each in root.iter() if each.tag.endswith("text")]
-    return [line for line in found if line.startswith(OUTPUT) or re.match(r"h[₀-₉]+ = tanh", line)]
-
-
 def _names(brain: Brains) -> list[str]:
     """What numbers are called: c₀, κ₀ of the newest record, c₁, κ₁ of the one before; then nodes."""
     observed = [_named("cκ"[place % 2], place // 2) for place in range(brain.inputs)]
@@ -98,17 +65,14 @@ def _named(letter: str, place: int) -> str:
     return letter + str(place).translate(SUBSCRIPTS)
 
 
-def _place(name: str) -> int:
-    return int("".join(DIGITS[character] for character in name[1:]))
-
-
 def _signed(number: float, digits: int) -> str:
     return f"{'−' if number < 0 else '+'} {abs(number):.{digits}f}"
 
 
 def words(brain: Brains, world: World) -> str:
     """What a single brain computes, in words, read off its numbers."""
-    angle = world.mean_curvature * world.speed * float(world.intervals[0])  # that an interval turns [rad]
+    turning = math.hypot(world.mean_curvature, _mean_torsion(world))
+    angle = turning * world.speed * float(world.intervals[0])  # that an interval turns [rad]
     said = []
     for row, name in enumerate([*(_named("h", node) for node in range(brain.nodes)), "The output"]):
         concentrations, curvatures = (brain.weights[0, row, at : brain.inputs : 2] for at in (0, 1))
@@ -127,13 +91,40 @@ def words(brain: Brains, world: World) -> str:
                 f"while they are of κ₁, of a signal that swings by ±{abs(response):.2f}: {held}"
             )
         said.append(text + ".")
-    ideal = 90 * (1 - 2 / world.n_records)
-    said.append(
-        "A circle drifts uphill when it is tight on the way down: κ₂ is to begin where the concentration is "
-        "largest and to end where it is smallest, a quarter of a turn behind it; less half of the interval "
-        f"that passes with each decision, that is {ideal:.0f}° behind."
+    return " ".join([*said, _ideal(world)]).rstrip()
+
+
+def _ideal(world: World) -> str:
+    """How far κ₂ is to be behind the concentration; nothing where torsions of opposite signs lead to and fro.
+
+    The axis (τ t + κ b)/√(κ² + τ²) of a helix turns towards the cell's normal, which points to the axis, at
+    the rate v (τ δκ − κ δτ)/√(κ² + τ²) where curvature and torsion deviate by δκ and δτ (from the
+    Frenet–Serret formulas); the cell swims along it, where τ < 0 against it.
+    """
+    half = 180 / world.n_records
+    passing = "less half of the interval that passes with each decision, that is"
+    if world.torsions is None:
+        return (
+            "A circle drifts uphill when it is tight on the way down: κ₂ is to begin where the concentration "
+            "is largest and to end where it is smallest, a quarter of a turn behind it; "
+            f"{passing} {90 - half:.0f}° behind."
+        )
+    first, last = world.torsions[0], world.torsions[-1]
+    if first * last <= 0:
+        return ""
+    bend, twist = world.curvatures[-1] - world.curvatures[0], abs(last) - abs(first)
+    if abs(_mean_torsion(world)) * bend > world.mean_curvature * twist:
+        towards, where, lag = "towards", "smallest, half a turn behind it", f"{180 - half:.0f}° behind"
+    else:
+        towards, where, lag = "away from", "largest", f"{half:.0f}° ahead of it"
+    return (
+        f"A helix swum with κ₂ and its torsion turns its way {towards} the side where the cell's own normal "
+        f"points: it is to be swum about where the concentration is {where}; {passing} {lag}."
     )
-    return " ".join(said)
+
+
+def _mean_torsion(world: World) -> float:
+    return 0.0 if world.torsions is None else 0.5 * (world.torsions[0] + world.torsions[-1])
 
 
 def draw(brain: Brains, digits: int, title: str, path: Path) -> None:

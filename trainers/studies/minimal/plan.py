@@ -44,7 +44,7 @@ class MinimalPlan(TrainingPlan):
             world = self.test_world(case)
             rule = why_no_limit(world)
             if world.is_continuous or world.n_actions != 2:
-                rule = rule or "two curvatures"
+                rule = rule or f"two curvatures, got {'a range' if world.is_continuous else world.n_actions}"
             if world.sensor.names != Memory.names:
                 rule = rule or f"the sensor memory, got {world.sensor.name}"
             if rule is not None:

@@ -161,13 +161,16 @@ def _case(plan: MinimalPlan, case: str, found: CaseFindings, drawn: Drawn) -> st
     (pair,) = [each for each in found.measured if each.rung.method == MACHINE]
     a, b = _thresholds(pair.rung.brains)
     world = plan.test_world(case)
-    swing = " to ".join(f"±{world.mean_curvature / curvature:.2f}" for curvature in world.curvatures)
+    torsions = world.torsions or (0.0,) * world.n_actions
+    radii = [k / (k * k + t * t) for k, t in zip(world.curvatures, torsions, strict=True)]
+    swing = " to ".join(f"±{world.mean_curvature * radius:.2f}" for radius in radii)
+    path = "circle" if world.torsions is None else "helix across the gradient"
     greedy = percent(float(found.greedy.mean()) / found.limit)
     return f"""## {case}
 
 The limit is {found.limit:.2f}, of which greedy gains {greedy}. The two-state machine gains
 {percent_of(found.fraction(pair))}: κ₁ turns into κ₂ where c* > {a}, κ₂ into κ₁ where c* < {b}
-(means over seeds ± standard deviations; on a circle c* swings by {swing}). With one tanh layer, of the limit:
+(means over seeds ± standard deviations; on a {path} c* swings by {swing}). With one tanh layer, of the limit:
 
 {Table.of(ladder).as_markdown()}
 With ever fewer parameters and no node:

@@ -39,12 +39,16 @@ class StrategiesPlan(TrainingPlan):
     seed: int = 500  # of the test populations
 
     def __post_init__(self) -> None:
-        shared = [name for name in self.worlds if self.world(name).is_shared]
-        if shared:
-            raise SettingsError(
-                "strategies must be compared where each cell lives alone, got cells that share a medium, "
-                f"meet, race or see each other; experiment={shared[0]}"
-            )
+        for name in self.worlds:
+            world, rule = self.world(name), None
+            if world.is_shared:
+                rule = "each cell lives alone, got cells that share a medium, meet, race or see each other"
+            elif world.is_continuous or world.n_actions != 2:
+                rule = (
+                    f"actions are two curvatures, got {'a range' if world.is_continuous else world.n_actions}"
+                )
+            if rule is not None:
+                raise SettingsError(f"strategies must be compared where {rule}; experiment={name}")
         found = [f"{name}_{DQN}" for name in self.worlds]
         found += [f"{name}_{PPO}" for name in self.worlds if not isinstance(self.continuous(name), str)]
         object.__setattr__(self, "experiments", tuple(found))

@@ -77,6 +77,26 @@ def fractions(found: Mapping[str, WorldFindings]) -> Table:
     return Table.of(table)
 
 
+def overview(found: Mapping[str, WorldFindings]) -> Table:
+    """What part of the limit, or where none is known how many arrive, or else what is gained."""
+    kinds = {
+        name: "" if each.possible is not None else ", gain" if each.world.egg is None else ", arrived"
+        for name, each in found.items()
+    }
+
+    def cell(name: str, strategy: str) -> str | None:
+        each = found[name]
+        number = each.gain(strategy)
+        if kinds[name] == ", gain":
+            return number and f"{number.value:.2f} ± {half(number, 2)}"
+        return percent_of(each.arrived(strategy) if kinds[name] else each.fraction(strategy))
+
+    return Table.of(
+        {"strategy": label} | {name + kind: cell(name, strategy) for name, kind in kinds.items()}
+        for strategy, label in STRATEGIES.items()
+    )
+
+
 def _fractions(found: Mapping[str, WorldFindings]) -> str:
     return f"""## Of the limit
 
