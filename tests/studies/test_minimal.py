@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from swarm._support.streams import generator
-from tests.trainers.test_cli import refused
 from trainers.studies.minimal import measurements, neuroevolution
 from trainers.studies.minimal.plan import MinimalPlan
 from trainers.studies.minimal.study import STUDY
@@ -92,17 +91,3 @@ def test_networks_of_neat_are_those_of_the_package_and_global_chance_stays_as_it
         theirs = [network.activate(row)[0] for row in seen[0].tolist()]
         ours = neuroevolution.brain_of(genome, config).values(seen)[0]
         np.testing.assert_allclose(np.tanh(ours), np.array(theirs), rtol=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["experiment=radial"], "the smallest brain must have a linear field, got RadialField"),
-        (["experiment=linear_n5"], "experiment must be one of"),
-        (["nodes"], "a setting must be written key=value, got 'nodes'"),
-        (["--seeds", "0"], "--seeds must be a whole number of at least 1, got 0"),
-    ],
-)
-def test_what_cannot_be_studied_is_said_before_anything_begins(words, said):
-    assert said in refused("minimal", *words, "--out", "not_made")

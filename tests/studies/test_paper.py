@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 from swarm import figures
 from swarm.optimal import physical_limit as optimal
 from swarm.policies import network
+from trainers.jobs import sweep
 from trainers.studies import stacks
-from trainers.studies.paper.plan import EXPERIMENTS, Plan
+from trainers.studies.paper.plan import EXPERIMENTS, VARYING, Plan
 from trainers.studies.paper.study import STUDY
 from trainers.studies.plan import trainings
 from trainers.studies.study import RECORD, REPORT
@@ -160,15 +161,24 @@ def test_the_authors_numbers_stand_beside_the_paper_recipe_only_with_their_test(
 SMALL = dataclasses.replace(MINIATURE, experiments=("linear_n2",), recipes=("paper",))
 
 
-def test_a_finished_reproduction_trains_nothing_and_says_the_same(done, tmp_path, monkeypatch, sparing):
+@pytest.fixture
+def begun(done, tmp_path, sparing):
+    """A folder in which the only training of `SMALL` is done."""
     shutil.copytree(done.out / "runs/paper/linear_n2", tmp_path / "runs/paper/linear_n2")
-    monkeypatch.setattr(stacks, "do", lambda *arguments: pytest.fail("trained again"))
-    STUDY.carry_out(SMALL, tmp_path)
+    return tmp_path
+
+
+def test_a_finished_reproduction_trains_nothing_and_says_the_same(done, begun, monkeypatch):
+    shutil.copytree(done.out / "figures", begun / "figures")
+    shutil.copy(done.out / "reproduction.json", begun)
+    monkeypatch.setattr(sweep, "trainings", lambda *arguments: pytest.fail("trained again"))
+    STUDY.carry_out(SMALL, begun)
     before = {claim.id: claim for claim in done.claims if claim.recipe == "paper"}
-    after = json.loads((tmp_path / "claims.json").read_text())
-    for claim in after:
+    for claim in json.loads((begun / "claims.json").read_text()):
         if claim["recipe"] and claim["id"] in before:
             assert claim == json.loads(json.dumps(before[claim["id"]]._asdict()))
+    assert not (begun / "figures/swarm/radial.png").exists()  # of the earlier one, which had more
+    assert (begun / "figures/paper/linear_n2_population.png").exists()
 
 
 def test_a_training_that_was_stopped_goes_on_to_the_same_policies(done, tmp_path, sparing):
@@ -191,70 +201,26 @@ def test_a_training_that_was_stopped_goes_on_to_the_same_policies(done, tmp_path
         assert (tmp_path / policy).read_bytes() == (done.out / policy).read_bytes()
 
 
-def test_seeds_are_added_to_those_that_are_there(done, tmp_path, sparing):
-    shutil.copytree(done.out / "runs/paper/linear_n2", tmp_path / "runs/paper/linear_n2")
-    (beats, *_) = [
-        claim
-        for claim in STUDY.carry_out(dataclasses.replace(SMALL, n_seeds=3), tmp_path)
-        if claim.id == "dqn_beats_greedy_linear_n2"
-    ]
+def test_seeds_are_added_to_those_that_are_there(done, begun):
+    found = STUDY.carry_out(dataclasses.replace(SMALL, n_seeds=3), begun).claims
+    beats = next(claim for claim in found if claim.id == "dqn_beats_greedy_linear_n2")
     assert beats.seeds == (0, 1, 2)
     before = next(claim for claim in done.claims if (claim.id, claim.recipe) == (beats.id, "paper"))
     assert beats.by_seed["linear_n2/dqn"][:2] == before.by_seed["linear_n2/dqn"]
-    assert RunFolder.open(tmp_path / "runs/paper/linear_n2-from-2")[1]["seed"] == 2
-    assert [row["seeds"] for row in rows(tmp_path / "results.csv") if row["policy"] == "dqn"] == ["3"]
-    stored = json.loads((tmp_path / "reproduction.json").read_text())["trainings"]["paper/linear_n2"]
+    assert RunFolder.open(begun / "runs/paper/linear_n2-from-2")[1]["seed"] == 2
+    assert [row["seeds"] for row in rows(begun / "results.csv") if row["policy"] == "dqn"] == ["3"]
+    stored = json.loads((begun / "reproduction.json").read_text())["trainings"]["paper/linear_n2"]
     assert [each["seeds"] for each in stored] == [[0, 1], [2]]
 
 
-def test_a_run_with_other_settings_is_set_aside_and_trained_again(done, tmp_path, capsys, sparing):
-    shutil.copytree(done.out / "runs/paper/linear_n2", tmp_path / "runs/paper/linear_n2")
-    STUDY.carry_out(dataclasses.replace(SMALL, words=(*WORDS, "learning.discount=0.9")), tmp_path)
-    assert (tmp_path / "runs/paper/linear_n2-set-aside-1/policy.safetensors").is_file()
+def test_a_run_with_other_settings_is_set_aside_and_trained_again(begun, capsys):
+    STUDY.carry_out(dataclasses.replace(SMALL, n_seeds=1, words=(*WORDS, "learning.discount=0.9")), begun)
+    assert (begun / "runs/paper/linear_n2-set-aside-1/policy.safetensors").is_file()
     assert "has other settings" in capsys.readouterr().out
-    assert RunFolder(tmp_path / "runs/paper/linear_n2").finished
-
-
-def test_a_run_whose_policies_are_damaged_is_trained_again(done, tmp_path, sparing):
-    folder = tmp_path / "runs/paper/linear_n2"
-    shutil.copytree(done.out / "runs/paper/linear_n2", folder)
-    (folder / "seed_1/policy.safetensors").write_bytes(b"damaged")
-    STUDY.carry_out(SMALL, tmp_path)
-    again = (folder / "seed_1/policy.safetensors").read_bytes()
-    assert again == (done.out / "runs/paper/linear_n2/seed_1/policy.safetensors").read_bytes()
-
-
-def test_one_seed_is_enough_for_verdicts(tmp_path, sparing):
-    found = STUDY.carry_out(dataclasses.replace(SMALL, n_seeds=1), tmp_path)
-    (beats,) = (claim for claim in found if claim.id == "dqn_beats_greedy_linear_n2")
-    assert beats.seeds == (0,)
-    assert beats.interval is not None  # over cells
-    (rises,) = (claim for claim in found if claim.id == "gain_rises_linear_n2")
-    assert rises.interval is None
-
-
-def test_figures_of_an_earlier_reproduction_do_not_stay(done, tmp_path, sparing):
-    shutil.copytree(done.out / "runs/paper/linear_n2", tmp_path / "runs/paper/linear_n2")
-    shutil.copytree(done.out / "figures", tmp_path / "figures")
-    shutil.copy(done.out / "reproduction.json", tmp_path)
-    STUDY.carry_out(SMALL, tmp_path)
-    assert not (tmp_path / "figures/swarm/radial.png").exists()
-    assert (tmp_path / "figures/paper/linear_n2_population.png").exists()
-
-
-def test_nothing_is_overwritten_that_is_not_a_reproduction(tmp_path):
-    (tmp_path / "report.md").write_text("mine")
-    with pytest.raises(RunError, match=r"report.md is there, but no reproduction.json"):
-        STUDY.carry_out(SMALL, tmp_path)
-    assert (tmp_path / "report.md").read_text() == "mine"
-
-
-def test_a_folder_that_cannot_be_is_said_before_anything_runs(tmp_path):
-    (tmp_path / "file").write_text("mine")
-    (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    for name, there in (("file", "file"), ("file/deep", "file"), ("loop", "loop")):
-        with pytest.raises(RunError, match=f"{name} must be a folder, but .*{there} is a file"):
-            STUDY.carry_out(SMALL, tmp_path / name)
+    assert RunFolder(begun / "runs/paper/linear_n2").finished
+    claims = {claim["id"]: claim for claim in json.loads((begun / "claims.json").read_text())}
+    assert claims["dqn_beats_greedy_linear_n2"]["interval"] is not None  # of one seed, over cells
+    assert claims["gain_rises_linear_n2"]["interval"] is None
 
 
 @pytest.mark.parametrize(
@@ -263,11 +229,11 @@ def test_a_folder_that_cannot_be_is_said_before_anything_runs(tmp_path):
         ("settings.yaml", "a: [", "cannot be read"),
         ("metrics.csv", "epoch,seed\n1,0\n", "must hold numbers in the columns"),
         ("metrics.csv", None, "must have 4 rows for each seed, one per epoch, got"),
+        ("seed_1/policy.safetensors", "damaged", "safetensors"),
     ],
 )
-def test_a_run_whose_files_are_damaged_is_set_aside(done, tmp_path, capsys, name, content, reason):
-    (planned,) = trainings(SMALL, tmp_path)
-    shutil.copytree(done.out / "runs/paper/linear_n2", planned.folder)
+def test_a_run_whose_files_are_damaged_is_set_aside(begun, capsys, name, content, reason):
+    (planned,) = trainings(SMALL, begun)
     file = planned.folder / name
     file.write_text(content or "".join(file.read_text().splitlines(keepends=True)[:-2]))
     assert not stacks.is_done(planned)
@@ -307,21 +273,12 @@ def test_quick_without_curves_says_that_they_are_left_out(shipped, tmp_path, spa
     assert "Training curves are left out" in (tmp_path / "quick/report.md").read_text()
 
 
-def test_quick_without_shipped_policies_says_so(monkeypatch, tmp_path):
+def test_quick_without_policies_and_shipping_without_training_are_refused(monkeypatch, tmp_path):
     monkeypatch.setattr(network, "zoo_names", list)
     with pytest.raises(RunError, match="no policies are shipped with this copy"):
         STUDY.carry_out(Plan(quick=True), tmp_path / "quick")
-
-
-@pytest.mark.parametrize("other", ["population.nc", "seed=0/run.json", "reproduction.json verdicts.json"])
-def test_a_folder_of_other_results_is_refused_before_any_work(monkeypatch, tmp_path, other):
-    for path in (tmp_path / each for each in other.split()):
-        path.parent.mkdir(exist_ok=True)
-        path.write_text("{}")
-    monkeypatch.setattr(stacks, "train", None)
-    named = other.split()[-1].split("/")[0]
-    with pytest.raises(RunError, match=f"that of an earlier reproduction of the same.* {named}$"):
-        STUDY.carry_out(Plan(quick=True), tmp_path)
+    with pytest.raises(RunError, match="--ship must come with policies that are trained"):
+        STUDY.carry_out(Plan(quick=True), tmp_path / "quick", ship=True)
 
 
 def test_every_experiment_has_a_shipped_policy_with_a_card(done, shipped):
@@ -347,26 +304,12 @@ def test_every_experiment_has_a_shipped_policy_with_a_card(done, shipped):
 
 
 def test_the_shipped_policy_is_the_one_that_validation_prefers(done, shipped):
-    card = network.load_policy("zoo:linear_n8").card
+    chosen, radial, linear = (network.load_policy(f"zoo:{each}") for each in ("linear_n8", "radial", VARYING))
     seeds = [network.load_policy(done.out / f"runs/swarm/linear_n8/seed_{seed}") for seed in (0, 1)]
-    gains = [policy.card["validation"]["gain"] for policy in seeds]
-    assert card["seed"] == int(np.argmax(gains))
-    chosen = seeds[card["seed"]]
-    observation = np.random.default_rng(0).normal(size=(5, 16))
-    assert np.array_equal(
-        network.load_policy("zoo:linear_n8").values(observation), chosen.values(observation)
-    )
-
-
-def test_the_policy_for_the_egg_is_tested_around_the_egg(shipped):
-    radial, linear = (network.load_policy(f"zoo:{name}") for name in ("radial", "varying_speed"))
+    assert chosen.card["seed"] == int(np.argmax([policy.card["validation"]["gain"] for policy in seeds]))
+    for one, same in ((chosen, seeds[chosen.card["seed"]]), (radial, linear)):
+        assert all(np.array_equal(a, b) for a, b in zip(one.weights, same.weights, strict=True))
     assert radial.card["settings"]["evaluation"]["field"] == "radial"
-    assert all(np.array_equal(a, b) for a, b in zip(radial.weights, linear.weights, strict=True))
-
-
-def test_nothing_is_shipped_where_nothing_is_trained(tmp_path):
-    with pytest.raises(RunError, match="--ship must come with policies that are trained"):
-        STUDY.carry_out(Plan(quick=True), tmp_path / "out", ship=True)
 
 
 @pytest.mark.slow

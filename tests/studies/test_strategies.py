@@ -8,7 +8,6 @@ import pytest
 
 from swarm import World
 from tests.studies.test_minimal import WORDS, carried_out
-from tests.trainers.test_cli import refused
 from trainers.studies.strategies import report
 from trainers.studies.strategies.measurements import ANY, LIMIT, Lived, WorldFindings
 from trainers.studies.strategies.plan import DQN, OPTIMAL, PPO, STRATEGIES, StrategiesPlan
@@ -85,16 +84,3 @@ def test_dashes_of_the_same_reason_are_told_once():
     told = report.text(TINY, {"a": one, "b": one})
     assert told.count("too dark") == len(STRATEGIES) + 1  # all but the optimal, and both limits
     assert "- greedy in a, b: too dark." in told
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["experiment=linear_n5"], "experiment must be one of"),
-        (["nodes"], "a setting must be written key=value, got 'nodes'"),
-        (["--jobs", "0"], "--jobs must be a whole number of at least 1, got 0"),
-    ],
-)
-def test_what_cannot_be_tabled_is_said_before_anything_begins(words, said):
-    assert said in refused("strategies", *words, "--out", "not_made")
