@@ -37,9 +37,7 @@ def test_a_study_goes_on_in_its_own_folder_and_in_no_other_studys(name, tmp_path
         if other == name:
             study.check(folder)
         else:
-            with pytest.raises(
-                RunError, match="the same kind, got one that holds another's reproduction.json$"
-            ):
+            with pytest.raises(RunError, match=r"got one that holds another.s reproduction\.json$"):
                 study.check(folder)
 
 

@@ -15,6 +15,7 @@ from trainers.cli.listing import Listing
 from trainers.cli.options import Address, Launchers
 
 if TYPE_CHECKING:
+    from swarm._support.tables import Table
     from trainers.studies.plan import TrainingPlan
     from trainers.studies.study import Study
 
@@ -75,15 +76,12 @@ def minimal(
     (chemoswarm\\[evolution]), beside the two-state machine. Other KEY=VALUE words are settings of every
     training.
     """
-    from swarm._support.terminal import print_table
     from trainers.studies.minimal.plan import MinimalPlan
     from trainers.studies.minimal.report import smallest
     from trainers.studies.minimal.study import STUDY
 
     plan = MinimalPlan(**_chosen("cases", context.args), **_changes(seeds, jobs))
-    table = smallest(_carried_out(STUDY, plan, out, publish).cases)
-    print_table(table.headings, table.texts)
-    print(f"the report is {out / 'report.md'}")
+    _print(smallest(_carried_out(STUDY, plan, out, publish).cases), out)
 
 
 @app.command(**WORDS)
@@ -100,15 +98,12 @@ def strategies(
     and the smallest brain is searched for (chemoswarm\\[evolution]). Other KEY=VALUE words are settings of
     every training.
     """
-    from swarm._support.terminal import print_table
     from trainers.studies.strategies.plan import StrategiesPlan
     from trainers.studies.strategies.report import overview
     from trainers.studies.strategies.study import STUDY
 
     plan = StrategiesPlan(**_chosen("worlds", context.args), **_changes(seeds, jobs))
-    table = overview(_carried_out(STUDY, plan, out, publish))
-    print_table(table.headings, table.texts)
-    print(f"the report is {out / 'report.md'}")
+    _print(overview(_carried_out(STUDY, plan, out, publish)), out)
 
 
 def _chosen(cases: str, words: list[str]) -> dict[str, Any]:
@@ -135,6 +130,13 @@ def _carried_out(
 
     with redirect_stdout(Told(sys.stdout)):  # what is told on the way
         return study.carry_out(plan, files.expanded(out), publish and files.expanded(publish), ship=ship)
+
+
+def _print(table: Table, out: Path) -> None:
+    from swarm._support.terminal import print_table
+
+    print_table(table.headings, table.texts)
+    print(f"the report is {out / 'report.md'}")
 
 
 @app.command()

@@ -71,7 +71,6 @@ def columns(name: str, found: Estimate | None, between: str = ", ") -> Row:
 
 
 def number(value: float | None, sign: str = "") -> str:
-    """A number as it is read."""
     if value is None:
         return NOTHING
     if 0 < abs(value) < 5e-4:
@@ -80,12 +79,10 @@ def number(value: float | None, sign: str = "") -> str:
 
 
 def spread_of(value: float | None, spread: float | None) -> str:
-    """A number and its spread."""
     return number(value) if spread is None else f"{number(value)} ± {number(spread)}"
 
 
 def interval_of(interval: tuple[float | None, float | None] | None) -> str:
-    """From where to where."""
     return NOTHING if interval in (None, (None, None)) else " … ".join(map(number, interval))
 
 

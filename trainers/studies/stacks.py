@@ -107,7 +107,6 @@ def all_policies(planned: Sequence[Training]) -> dict[str, tuple[Network, ...]]:
 
 
 def arrays_of(policies: Sequence[Network]) -> list[np.ndarray]:
-    """All weights and biases."""
     return [array for each in policies for array in (*each.weights, *each.biases)]
 
 

@@ -96,7 +96,6 @@ def _racing(point: Point, policy: AnyPolicy) -> dict[str, np.ndarray]:
 
 
 def _searching(point: Point, policy: AnyPolicy) -> dict[str, np.ndarray]:
-    """Who arrives (cells,)."""
     starts = draw_starts(point.world, point.cells, point.seed, population=point.population)
     lived = lives(point.world, policy, starts, point.seed, name=point.name, population=point.population)
     return {"arrived": lived["arrived"].astype(float)}
@@ -135,7 +134,6 @@ def file_of(point: Point, folder: Path) -> Path:
 
 
 def packed(found: dict[str, Sample]) -> Packed:
-    """What was measured, as arrays, and the order of kinds."""
     arrays = {f"{kind}/seeds": np.array(each.seeds, int) for kind, each in found.items()}
     for kind, each in found.items():
         arrays |= {f"{kind}/{name}": values for name, values in each.numbers.items()}
@@ -143,7 +141,6 @@ def packed(found: dict[str, Sample]) -> Packed:
 
 
 def unpacked(task: Task, stored: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> dict[str, Sample]:
-    """What `packed` made arrays of."""
     found: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in card.get("kinds", ())}
     for key, values in stored.items():
         kind, _, name = key.partition("/")

@@ -63,8 +63,6 @@ VARIANTS = {"neither": (), "contact": (0,), "dipoles": (1,), "both": (0, 1)}  # 
 
 @dataclass(frozen=True)
 class CrowdPlan(TrainingPlan):
-    """What decides the experiments on crowds."""
-
     experiments: tuple[str, ...] = tuple(TRAININGS)
     # cells of a world that eat, and how many such worlds
     crowds: tuple[tuple[int, int], ...] = ((1, 40), (10, 16), (40, 10), (160, 6), (640, 5))
@@ -98,7 +96,6 @@ class Point(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What statements call it."""
         return f"{self.experiment}_{self.value}" + "_choice" * (self.population != "test")
 
 

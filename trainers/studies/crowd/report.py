@@ -61,8 +61,6 @@ PANELS = {
 
 
 class CrowdFindings(NamedTuple):
-    """All that the experiments came to."""
-
     plan: CrowdPlan
     samples: Samples
     claims: Sequence[Claim]  # their verdicts in the words of `VERDICTS`
@@ -83,7 +81,6 @@ def rows(found: CrowdFindings, experiment: str) -> Iterator[dict[str, Any]]:
 
 
 def text(found: CrowdFindings, drawn: Sequence[str]) -> str:
-    """Markdown, to be read on its own."""
     parts = [_opening(found.plan), _verdicts(found.claims)]
     parts += [_experiment(found, each) for each in drawn]
     parts += [_costs(found)]
@@ -260,6 +257,5 @@ def _sweeps(samples: Samples, experiment: str) -> Iterator[figures.Sweep]:
 
 
 def _numbers(sample: Sample, measure: str) -> tuple[float, float, float]:
-    """The mean and its interval."""
     found = level(sample, measure)
     return (found.value, *(found.interval or (np.nan, np.nan)))

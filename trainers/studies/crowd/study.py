@@ -74,7 +74,6 @@ def work(point: Point) -> float:
 
 
 def minutes(planned: Sequence[Training]) -> dict[str, float]:
-    """What every training took."""
     rows = {each.name: RunFolder(each.folder).rows(runs.TIMINGS) for each in planned}
     return {name: sum(float(row["seconds"]) for row in each) / 60 for name, each in rows.items()}
 

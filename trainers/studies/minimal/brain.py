@@ -45,7 +45,6 @@ class Brains:
 
     @property
     def inputs(self) -> int:
-        """Numbers in an observation."""
         return self.weights.shape[2] - self.nodes
 
     @property

@@ -37,8 +37,6 @@ MOST_OF_NEAT = 24  # parameters
 
 
 class Rung(NamedTuple):
-    """Brains of one size."""
-
     method: str
     nodes: int | None  # of the network that was trained or searched; None where it grew
     parameters: int  # of the largest of them
@@ -54,8 +52,6 @@ class Measured(NamedTuple):
 
 
 class CaseFindings(NamedTuple):
-    """What was found of one experiment."""
-
     measured: list[Measured]
     limit: float  # of the test cells
     validation_limit: float
@@ -134,7 +130,6 @@ def validation_gains(case: str, plan: MinimalPlan, brains: Brains) -> np.ndarray
 
 
 def measure(case: str, plan: MinimalPlan, found: Sequence[Rung]) -> CaseFindings:
-    """Validate and test all rungs."""
     world = plan.test_world(case)
     starts = draw_starts(world, plan.cells, plan.seed)
     measured = [
@@ -166,7 +161,6 @@ def file_of(method: str, case: str, plan: MinimalPlan, networks: Networks, folde
 
 
 def packed(found: Sequence[Rung]) -> Packed:
-    """Rungs as arrays."""
     arrays = {f"{place}.weights": each.brains.weights for place, each in enumerate(found)}
     arrays |= {f"{place}.biases": each.brains.biases for place, each in enumerate(found)}
     return arrays, {"rungs": [[each.nodes, each.parameters] for each in found]}

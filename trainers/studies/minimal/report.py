@@ -42,7 +42,6 @@ class Drawn(NamedTuple):
 
 
 def rows(case: str, found: CaseFindings) -> Iterator[dict[str, Any]]:
-    """A row for every rung."""
     for each in found.measured:
         of_limit = found.fraction(each)
         low, high = of_limit.interval or (None, None)
@@ -66,7 +65,6 @@ def text(
     drawn: Mapping[str, Drawn],
     tables: Sequence[Tabulated],
 ) -> str:
-    """Markdown, to be read on its own."""
     parts = [_opening(plan), _smallest(found), _figure(found)]
     parts += [_case(plan, case, each, drawn[case]) for case, each in found.items()]
     return "\n".join([*parts, _tables(plan, tables)])
@@ -229,7 +227,6 @@ table they pass.
 
 
 def draw(found: Mapping[str, CaseFindings], folder: Path) -> None:
-    """Draw the figure of all experiments."""
     (folder / FIGURES).mkdir(parents=True, exist_ok=True)
     with style.in_style():
         figure = style.canvas(1.0, 0.5 if len(found) < 3 else 0.4)

@@ -35,8 +35,6 @@ ROUNDING = 1e-3  # part of the gain that rounding may cost
 
 
 class Findings(NamedTuple):
-    """All that the study came to."""
-
     cases: dict[str, CaseFindings]
     tables: list[Tabulated]
 

@@ -32,7 +32,6 @@ class LookupTables:
     entries: np.ndarray  # (seeds, bins² · 4)
 
     def act(self, world: World, state: State, uniform: Any = None) -> np.ndarray:
-        """Actions (seeds, cells)."""
         found = np.take_along_axis(self.entries, self.place(world, state), axis=1)
         return (found > 0).astype(np.int32)
 
@@ -47,8 +46,6 @@ class LookupTables:
 
 
 class Tabulated(NamedTuple):
-    """What tables of one size gain."""
-
     n_records: int
     bins: int
     entries: int  # that lives of the test cells pass

@@ -23,8 +23,6 @@ Drawn = Iterator[tuple[int, str, Any, str]]  # number, file, figure, caption
 
 
 class Drawing(NamedTuple):
-    """A figure that was drawn."""
-
     recipe: str
     number: int  # in the paper's order of results
     path: str  # in the folder of the reproduction

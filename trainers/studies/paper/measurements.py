@@ -61,16 +61,12 @@ class Circle(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """Outcome of a case."""
-
     limit: float | None  # for the very starts that were tested
     limit_error: float | None  # about how far off the limit may be
     lives: dict[tuple[str, str], Lives]  # by recipe and kind
 
 
 class Evidence(NamedTuple):
-    """Everything that was measured."""
-
     cases: Mapping[str, Measured]
     circles: Mapping[str, Circle]
     training: Mapping[tuple[str, str], TrainingGains]  # by recipe and experiment

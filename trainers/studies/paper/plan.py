@@ -16,8 +16,6 @@ TESTS[VORTICES] = {"aware": AWARE, "blind": BLIND, "still": STEADY}
 
 @dataclass(frozen=True)
 class Plan(TrainingPlan):
-    """What decides a reproduction of the paper."""
-
     recipes: tuple[str, ...] = ("swarm", "paper")
     n_seeds: int = 20
     experiments: tuple[str, ...] = EXPERIMENTS
@@ -30,5 +28,4 @@ class Plan(TrainingPlan):
     seed: int = 100  # of the test population
 
     def test_world(self, test: str) -> World:
-        """The world of a test."""
         return around_egg(self.world(next(iter(TESTS[test].values()))), self.radial_reach)

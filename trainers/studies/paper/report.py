@@ -40,8 +40,6 @@ AUTHORS_TEST = "400 cells of the population seed 100, lives of 200, in the flow 
 
 
 class Findings(NamedTuple):
-    """All that a reproduction came to."""
-
     plan: Plan
     planned: Sequence[Training]  # none where shipped policies are tested
     trained: Mapping[Key, Trained]
@@ -51,7 +49,6 @@ class Findings(NamedTuple):
 
 
 def text(found: Findings, drawn: Sequence[Drawing]) -> str:
-    """Markdown, to be read on its own."""
     parts = [_opening(found.plan, found.tests), _verdicts(found.claims), _results(result_rows(found))]
     parts += [_flow(found.evidence), _swinging(found.evidence), _costs(list(training_rows(found)))]
     parts += [_drawings(found.plan, drawn)]

@@ -18,7 +18,6 @@ from trainers.studies.paper.illustrations import draw_all
 from trainers.studies.paper.measurements import (
     MEASURES,
     Case,
-    Circle,
     Evidence,
     Measured,
     measure,
@@ -42,7 +41,14 @@ def find(plan: Plan, planned: Sequence[Training], out: Path) -> Findings:
     trained = stacks.stacks_of(plan, planned)
     tests = cases(plan, trained)
     gains = {key: each.gains for key, each in trained.items() if each.gains is not None}
-    evidence = Evidence(measured(plan, tests), circles(plan, tests), gains)
+    tasks = [Task(case.name, measure, (case,), work(case)) for case in tests]
+    measured = do(plan.executor(), tasks, "tests")
+    circles = {
+        case.name: swinging_circle(case.world, cells=plan.swinging_cells, seed=plan.seed)
+        for case in tests
+        if case.name in RECORDS
+    }
+    evidence = Evidence(measured, circles, gains)
     recipes = list(dict.fromkeys(recipe for case in tests for recipe in case.recipes))
     claims = all_claims(statements("trainers.studies.paper", MEASURES), evidence.sample, recipes)
     return Findings(plan, planned, trained, tests, evidence, claims)
@@ -65,23 +71,10 @@ def cases(plan: Plan, trained: Mapping[stacks.Key, stacks.Trained]) -> list[Case
     return found
 
 
-def measured(plan: Plan, tests: Sequence[Case]) -> dict[str, Measured]:
-    """Outcome of every test."""
-
-    def work(case: Case) -> float:
-        policies = 3 + sum(len(stack.policies) for stack in case.stacks)
-        return policies * case.world.max_decisions * (5.0 if case.world.in_flow else 1.0)
-
-    return do(plan.executor(), [Task(case.name, measure, (case,), work(case)) for case in tests], "tests")
-
-
-def circles(plan: Plan, tests: Sequence[Case]) -> dict[str, Circle]:
-    """What swinging does for each N_T."""
-    return {
-        case.name: swinging_circle(case.world, cells=plan.swinging_cells, seed=plan.seed)
-        for case in tests
-        if case.name in RECORDS
-    }
+def work(case: Case) -> float:
+    """Roughly in their ratio tests take their time."""
+    policies = 3 + sum(len(stack.policies) for stack in case.stacks)
+    return policies * case.world.max_decisions * (5.0 if case.world.in_flow else 1.0)
 
 
 def write(plan: Plan, planned: Sequence[Training], found: Findings, folder: Path) -> Contents:
@@ -131,7 +124,6 @@ def where_from(found: Findings) -> dict[str, list[dict[str, Any]]]:
 
 
 def tested(stack: Stack, case: Case, found: Findings) -> dict[str, Any]:
-    """What the test says of a stack's choice."""
     outcome = found.evidence.cases[case.name]
     lives = outcome.lives[stack.recipe, stack.kind]
     gain = lives.gain[stack.chosen]

@@ -29,8 +29,6 @@ class Lived(NamedTuple):
 
 
 class WorldFindings(NamedTuple):
-    """What was found in one world."""
-
     world: World
     lived: Mapping[str, Lived]  # by strategy
     possible: np.ndarray | None  # (cells,) the largest gains, whose mean is the limit [concentration]

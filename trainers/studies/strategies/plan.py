@@ -26,8 +26,6 @@ TUNED = "tuning=ppo_swarm_continuous_n4"  # of PPO where curvatures are actions
 
 @dataclass(frozen=True)
 class StrategiesPlan(TrainingPlan):
-    """What decides the table."""
-
     # experiments, whose tests' worlds those of the table are
     worlds: tuple[str, ...] = WORLDS
     experiments: tuple[str, ...] = dataclasses.field(init=False)  # WORLD_ALGORITHM, what is trained
@@ -74,5 +72,4 @@ class StrategiesPlan(TrainingPlan):
 
     @property
     def search(self) -> MinimalPlan:
-        """How the smallest brain is searched for."""
         return MinimalPlan(n_seeds=self.n_seeds, generations=self.generations)

@@ -19,7 +19,6 @@ OWN = f"{STRATEGIES[PPO]}, of its own limit"
 
 
 def rows(name: str, found: WorldFindings) -> Iterator[Row]:
-    """A row for every strategy."""
     for strategy in STRATEGIES:
         seeds, cells = found.lived[strategy].gain.shape if strategy in found.lived else (None, None)
         row: Row = {"world": name, "strategy": strategy, "seeds": seeds, "cells": cells}
@@ -33,7 +32,6 @@ def rows(name: str, found: WorldFindings) -> Iterator[Row]:
 
 
 def text(plan: StrategiesPlan, found: Mapping[str, WorldFindings]) -> str:
-    """Markdown, to be read on its own."""
     return "\n".join([_opening(plan), _fractions(found), _gains(found), _egg(found), _reasons(found)])
 
 
@@ -148,7 +146,6 @@ And how long it takes where all arrive.
 
 
 def _reasons(found: Mapping[str, WorldFindings]) -> str:
-    """Why there is a dash."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for name, each in found.items():
         for what, reason in each.why_not.items():
@@ -162,7 +159,6 @@ def _reasons(found: Mapping[str, WorldFindings]) -> str:
 
 
 def draw(found: Mapping[str, WorldFindings], folder: Path) -> None:
-    """Draw a panel for each world."""
     (folder / FIGURES).mkdir(parents=True, exist_ok=True)
     columns = min(PANELS, len(found))
     lines = -(-len(found) // columns)

@@ -29,7 +29,6 @@ def find(plan: StrategiesPlan, planned: Sequence[Training], out: Path) -> dict[s
 def write(
     plan: StrategiesPlan, planned: Sequence[Training], found: Mapping[str, WorldFindings], folder: Path
 ) -> Contents:
-    """The figure and the tables."""
     report.draw(found, folder)
     return Contents(
         {RESULTS: [row for name, each in found.items() for row in report.rows(name, each)]},
