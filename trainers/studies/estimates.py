@@ -1,7 +1,10 @@
 """Numbers and how sure they are: intervals over training seeds and test cells, and how they are written."""
 
+import functools
 import itertools
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable
+from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -101,16 +104,25 @@ def percent_of(found: Estimate | None) -> str | None:
     return None if found is None else f"{percent(found.value)} ± {half(found, 1, 100)}"
 
 
-def opening(title: str, plan: TrainingPlan, command: Sequence[str], about: str) -> str:
-    """What a report begins with: the command that prints it, what it is about, and where it comes from."""
+# --- reports ------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def _parts(room: str) -> dict[str, str]:
+    text = (resources.files(room) / "report.md").read_text(encoding="utf-8")
+    _, *parts = re.split(r"<!-- (\w+) -->\n", text)
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def filled(room: str, part: str, **values: Any) -> str:
+    """A part of the `report.md` of a room, which begins with a line <!-- PART -->, with its gaps filled."""
+    text = _parts(room)[part].rstrip("\n").format(**values)
+    return text if text.endswith("\n") else text + "\n"
+
+
+def printed_by(plan: TrainingPlan, *command: str) -> dict[str, str]:
+    """What prints a report, and where it comes from, to fill the gaps `command` and `origin`."""
     words = ["swarm", *command, *(["--quick"] if plan.quick else [])]
     if not plan.quick and plan.n_seeds != type(plan).n_seeds:
         words.append(f"--seeds {plan.n_seeds}")
-    return f"""# {title}
-
-Printed by `{" ".join(words)}`; to be changed by running it again, not by hand.
-
-{about}
-
-{provenance.line()}.
-"""
+    return {"command": " ".join(words), "origin": provenance.line()}

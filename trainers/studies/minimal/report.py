@@ -10,7 +10,7 @@ import numpy as np
 from swarm import figures
 from swarm._support.tables import Table, percent
 from swarm.figures import style
-from trainers.studies.estimates import estimate, opening, percent_of
+from trainers.studies.estimates import estimate, filled, percent_of, printed_by
 from trainers.studies.minimal import drawing
 from trainers.studies.minimal.brain import Brains
 from trainers.studies.minimal.measurements import (
@@ -65,35 +65,31 @@ def text(
     drawn: Mapping[str, Drawn],
     tables: Sequence[Tabulated],
 ) -> str:
-    parts = [_opening(plan), _smallest(found), _figure(found)]
-    parts += [_case(plan, case, each, drawn[case]) for case, each in found.items()]
-    return "\n".join([*parts, _tables(plan, tables)])
-
-
-def _opening(plan: MinimalPlan) -> str:
-    chosen = [f"experiment={','.join(plan.cases)}", *plan.words]
-    told = f"""\
-How many parameters buy how much of the possible? A brain is a network that looks at the memory and takes
-one of two curvatures, κ₂ where its one output is above 0. Its parameters are its weights and biases that are
-not 0; the scale of the output is among them, though it changes nothing, and of a trained Q-network the
-difference of its two outputs is counted. Every brain was found with {plan.n_seeds} independent seeds:
-
-- **DQN**: a ladder of {", ".join(map(str, plan.nodes))} nodes in one tanh layer (0: none), recipe `swarm`,
-  which is made for 64 nodes and more.
-- **DQN, pruned**: its smallest numbers set to 0, without learning on the way.
-- **CMA-ES**: the same ladder, its weights searched by the evolution strategy `algorithm=evolution`; fitness
-  is the mean gain of training cells.
-- **{METHODS[THINNED]}**: its networks of {" and ".join(map(str, plan.thinned))} nodes lose the smallest
-  number, and the search goes on with the others, until one is left.
-- **NEAT**: topology and weights evolve together; for each size the brain that validation prefers among those
-  not larger.
-- **Two-state machine**: the state is the curvature, and each ends at a threshold of its own of the newest
-  concentration; both thresholds are searched. As a network it has three parameters.
-
-Sizes are chosen by {plan.cells} validation cells, numbers are those of {plan.cells} test cells (population
-seed {plan.seed}), in lives of the experiments' tests. Intervals are 95%, over training seeds and test cells.\
-"""
-    return opening("The smallest brain", plan, ["minimal", *chosen], told)
+    said = (
+        "Fewest parameters with which the validation cells reach the level in the mean over seeds, and what "
+        "of the limit the test cells then gain, the worst seed in brackets."
+    )
+    for case, each in found.items():
+        if each.attainable:
+            said += (
+                f" In {case} two records leave the heading ambiguous: levels are of {each.attainable:g}, "
+                "about the most that they allow; percentages are of the limit everywhere."
+            )
+    return filled(
+        __package__,
+        "report",
+        **printed_by(plan, "minimal", f"experiment={','.join(plan.cases)}", *plan.words),
+        plan=plan,
+        ladder=", ".join(map(str, plan.nodes)),
+        thinned=METHODS[THINNED],
+        begun=" and ".join(map(str, plan.thinned)),
+        said=textwrap.fill(said, 109),
+        smallest=smallest(found).as_markdown(texts=2),
+        figure=f"{FIGURES}/{FIGURE}",
+        cases="\n".join(_case(plan, case, each, drawn[case]) for case, each in found.items()),
+        first=plan.cases[0],
+        tables=_tabulated(plan, tables).as_markdown(),
+    )
 
 
 def smallest(found: Mapping[str, CaseFindings]) -> Table:
@@ -108,40 +104,12 @@ def smallest(found: Mapping[str, CaseFindings]) -> Table:
     return Table.of(table)
 
 
-def _smallest(found: Mapping[str, CaseFindings]) -> str:
-    limited = [case for case, each in found.items() if each.attainable]
-    told = (
-        "Fewest parameters with which the validation cells reach the level in the mean over seeds, and what "
-    )
-    told += "of the limit the test cells then gain, the worst seed in brackets." + "".join(
-        f" In {case} two records leave the heading ambiguous: levels are of {found[case].attainable:g}, "
-        "about the most that they allow; percentages are of the limit everywhere."
-        for case in limited
-    )
-    return f"""## The smallest network that reaches 95% and 99% of the limit
-
-{textwrap.fill(told, 109)}
-
-{smallest(found).as_markdown(texts=2)}"""
-
-
 def _of_level(found: CaseFindings, each: Measured | None, level: str) -> dict[str, Any]:
     if each is None:
         return {f"parameters for {level}": None, f"test, {level}": None}
     numbers = found.fraction(each)
     told = f"{percent_of(numbers)} ({percent(numbers.lowest)})"
     return {f"parameters for {level}": each.rung.parameters, f"test, {level}": told}
-
-
-def _figure(found: Mapping[str, CaseFindings]) -> str:
-    return f"""## How many parameters buy how much of the possible
-
-![What is missing of the limit, by the number of parameters]({FIGURES}/{FIGURE})
-
-*What of the limit is missing in the test, by the number of parameters; of rungs of the same size the one that
-validation prefers; of pruned networks, those that it prefers to all smaller ones. Grey lines: the levels of
-95% and 99%; ringed are the fewest parameters that reach them. Dashed: greedy, which has no parameter.*
-"""
 
 
 def _case(plan: MinimalPlan, case: str, found: CaseFindings, drawn: Drawn) -> str:
@@ -161,20 +129,28 @@ def _case(plan: MinimalPlan, case: str, found: CaseFindings, drawn: Drawn) -> st
     world = plan.test_world(case)
     torsions = world.torsions or (0.0,) * world.n_actions
     radii = [k / (k * k + t * t) for k, t in zip(world.curvatures, torsions, strict=True)]
-    swing = " to ".join(f"±{world.mean_curvature * radius:.2f}" for radius in radii)
-    path = "circle" if world.torsions is None else "helix across the gradient"
-    greedy = percent(float(found.greedy.mean()) / found.limit)
-    return f"""## {case}
-
-The limit is {found.limit:.2f}, of which greedy gains {greedy}. The two-state machine gains
-{percent_of(found.fraction(pair))}: κ₁ turns into κ₂ where c* > {a}, κ₂ into κ₁ where c* < {b}
-(means over seeds ± standard deviations; on a {path} c* swings by {swing}). With one tanh layer, of the limit:
-
-{Table.of(ladder).as_markdown()}
-With ever fewer parameters and no node:
-
-{Table.of(sizes).as_markdown()}
-{_drawing(case, found, drawn, plan)}"""
+    return filled(
+        __package__,
+        "case",
+        case=case,
+        found=found,
+        drawn=drawn,
+        greedy=percent(float(found.greedy.mean()) / found.limit),
+        pair=percent_of(found.fraction(pair)),
+        a=a,
+        b=b,
+        path="circle" if world.torsions is None else "helix across the gradient",
+        swing=" to ".join(f"±{world.mean_curvature * radius:.2f}" for radius in radii),
+        ladder=Table.of(ladder).as_markdown(),
+        sizes=Table.of(sizes).as_markdown(),
+        figures=FIGURES,
+        most=drawing.MOST,
+        method=METHODS[drawn.source.rung.method],
+        of_limit=percent(drawn.gain / found.limit),
+        exact=float(drawn.source.gain[drawn.seed].mean()),
+        lines="\n".join(drawing.formulas(drawn.brain, drawn.digits)),
+        computed=textwrap.fill(f"What it computes: {drawing.words(drawn.brain, world)}", 109),
+    )
 
 
 def _thresholds(brains: Brains) -> Iterator[str]:
@@ -184,28 +160,7 @@ def _thresholds(brains: Brains) -> Iterator[str]:
         yield f"{values.mean():+.2f} ± {values.std():.2f}"
 
 
-def _drawing(case: str, found: CaseFindings, drawn: Drawn, plan: MinimalPlan) -> str:
-    lines = "\n".join(drawing.formulas(drawn.brain, drawn.digits))
-    exact, of_limit = float(drawn.source.gain[drawn.seed].mean()), percent(drawn.gain / found.limit)
-    computed = textwrap.fill(f"What it computes: {drawing.words(drawn.brain, plan.test_world(case))}", 109)
-    return f"""### The smallest brain of {case}, drawn
-
-![The smallest brain of {case}]({FIGURES}/brain_{case}.svg)
-
-The smallest of all methods that reaches the highest level that {drawing.MOST} parameters or fewer reach
-({METHODS[drawn.source.rung.method]}, seed {drawn.seed}). c₀ and κ₀ are of the newest record, c₁ and κ₁ of
-the one before; κ is −1 or +1. Typed in from the drawing it gains {drawn.gain:.2f} with the test cells,
-{of_limit} of the limit; {exact:.2f} before its numbers were rounded.
-
-```text
-{lines}
-```
-
-{computed}
-"""
-
-
-def _tables(plan: MinimalPlan, tables: Sequence[Tabulated]) -> str:
+def _tabulated(plan: MinimalPlan, tables: Sequence[Tabulated]) -> Table:
     rows = []
     for n_records in plan.records:
         row: dict[str, Any] = {"N_T": n_records}
@@ -213,14 +168,7 @@ def _tables(plan: MinimalPlan, tables: Sequence[Tabulated]) -> str:
             of_limit = percent_of(estimate(each.gain / each.limit))
             row[f"{each.bins} bins"] = f"{of_limit} ({each.entries})"
         rows.append(row)
-    return f"""## From tables
-
-An action for every bin of two c*, of the newest record and of the one a quarter of a turn before it, and of
-both their κ*, filled by dynamic programming (see `trainers/studies/minimal/tables.py`), in the world of
-{plan.cases[0]} with N_T records: what of that world's limit the test cells gain, and how many entries of the
-table they pass.
-
-{Table.of(rows).as_markdown()}"""
+    return Table.of(rows)
 
 
 # --- the figure ---------------------------------------------------------------------------------------------

@@ -15,9 +15,10 @@ from trainers.studies.estimates import (
     Row,
     columns,
     estimate,
+    filled,
     interval_of,
     number,
-    opening,
+    printed_by,
     spread_of,
 )
 from trainers.studies.paper.illustrations import Drawing
@@ -49,13 +50,7 @@ class Findings(NamedTuple):
 
 
 def text(found: Findings, drawn: Sequence[Drawing]) -> str:
-    parts = [_opening(found.plan, found.tests), _verdicts(found.claims), _results(result_rows(found))]
-    parts += [_flow(found.evidence), _swinging(found.evidence), _costs(list(training_rows(found)))]
-    parts += [_drawings(found.plan, drawn)]
-    return "\n".join(part for part in parts if part)
-
-
-def _opening(plan: Plan, tests: Sequence[Case]) -> str:
+    plan, tests, claims = found.plan, found.tests, found.claims
     missing = set(plan.recipes).difference(*(case.recipes for case in tests))
     how = (
         "The policies tested here are the shipped ones, one for each experiment. Nothing was trained, so the "
@@ -64,17 +59,25 @@ def _opening(plan: Plan, tests: Sequence[Case]) -> str:
         if plan.quick
         else f"Every experiment was trained with {plan.n_seeds} independent seeds under each recipe"
     )
-    cells = ", ".join(f"{case.name} {case.cells}" for case in tests)
-    changed = f" Settings that differ from the recipes': {' '.join(plan.words)}." if plan.words else ""
-    told = f"""\
-{how}.{changed} Test cells: {cells}; population seed {plan.seed}; no test cell was used in training or in
-choosing a policy. Intervals are 95%, over training seeds and test cells: both vary, every seed is tested on
-the same cells, and the degrees of freedom are Satterthwaite's. In figures, the policy of a stack of seeds is
-the one that its validation population prefers."""
-    return opening("Reproduction of the paper", plan, ["reproduce"], told)
+    counts = Counter(each.verdict for each in claims).most_common()
+    others = [_results(result_rows(found)), _flow(found.evidence), _swinging(found.evidence)]
+    others += [_costs(list(training_rows(found))), _drawings(plan, drawn)]
+    return filled(
+        __package__,
+        "report",
+        **printed_by(plan, "reproduce"),
+        how=how,
+        changed=f" Settings that differ from the recipes': {' '.join(plan.words)}." if plan.words else "",
+        cells=", ".join(f"{case.name} {case.cells}" for case in tests),
+        plan=plan,
+        count=len(claims),
+        verdicts=", ".join(f"{count} {verdict}" for verdict, count in counts),
+        claims=_judged(claims).as_markdown(texts=3),
+        others="\n".join(filter(None, others)),
+    )
 
 
-def _verdicts(claims: Sequence[Claim]) -> str:
+def _judged(claims: Sequence[Claim]) -> Table:
     rows = [
         {
             "verdict": f"**{each.verdict}**",
@@ -88,16 +91,7 @@ def _verdicts(claims: Sequence[Claim]) -> str:
         }
         for each in claims
     ]
-    counts = Counter(each.verdict for each in claims).most_common()
-    return f"""## Claims
-
-{len(claims)} claims: {", ".join(f"{count} {verdict}" for verdict, count in counts)}. A claim is reproduced
-where the whole interval satisfies the criterion, and reversed where the whole interval does not. Where one
-network is measured, ± is the standard deviation over its seeds; angles are positive to the left,
-counter-clockwise.
-`claims.json` holds the same in more detail.
-
-{Table.of(rows).as_markdown(texts=3)}"""
+    return Table.of(rows)
 
 
 def _results(results: Sequence[Row]) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 from swarm import figures
 from swarm._support.tables import Table, percent
 from swarm.figures import style
-from trainers.studies.estimates import Row, columns, half, opening, percent_of
+from trainers.studies.estimates import Row, columns, filled, half, percent_of, printed_by
 from trainers.studies.strategies.measurements import ANY, LIMIT, WorldFindings
 from trainers.studies.strategies.plan import DQN, MINIMAL, OPTIMAL, PPO, STRATEGIES, WORLDS, StrategiesPlan
 from trainers.studies.study import FIGURES
@@ -32,31 +32,18 @@ def rows(name: str, found: WorldFindings) -> Iterator[Row]:
 
 
 def text(plan: StrategiesPlan, found: Mapping[str, WorldFindings]) -> str:
-    return "\n".join([_opening(plan), _fractions(found), _gains(found), _egg(found), _reasons(found)])
-
-
-def _opening(plan: StrategiesPlan) -> str:
     words = [] if plan.worlds == WORLDS else [f"experiment={','.join(plan.worlds)}"]
-    about = f"""\
-Every strategy in every world, beside what is possible there: the [limit](../../how-to/limit.md) of a cell
-that knows its pose. Worlds are those of the experiments' tests, lives as long as there; all strategies steer
-the same {plan.cells} cells of population seed {plan.seed}, {plan.egg_cells} around an egg, which start within
-{plan.egg_reach:g} of it. None of them was seen in training, searching or validation.
-
-- **Random, swinging, greedy**: as in the paper.
-- **Adaptive**: the sampled [adaptive cell](../../adaptive_cell.md) with its default numbers.
-- **Minimal**: a network without nodes, searched for in each world by CMA-ES, which goes on as ever more
-  numbers are taken away, until {plan.parameters} are left (see [the smallest brain](../minimal/report.md));
-  it does not feel the flow.
-- **DQN**: recipe `swarm`, trained for each world. **PPO**: [any curvature](../../continuous_steering.md) from
-  κ₁ to κ₂ as action; its numbers are those tuned for N_T = 4. Both keep of each training what its validation
-  cells prefer.
-- **Optimal**: dynamic programming with full knowledge of the pose, for two actions.
-
-What is trained or searched for has {plan.n_seeds} independent seeds, all of which count: intervals are 95%,
-Student's, over training seeds and test cells, which are crossed; of the others over the cells. Fractions are
-of the limit of the very same cells, whose spread is part of the interval."""
-    return opening("All strategies", plan, ["strategies", *words, *plan.words], about)
+    return filled(
+        __package__,
+        "report",
+        **printed_by(plan, "strategies", *words, *plan.words),
+        plan=plan,
+        fractions=fractions(found).as_markdown(),
+        figure=f"{FIGURES}/{FIGURE}",
+        gains=_gains(found).as_markdown(),
+        egg=_egg(found),
+        reasons="\n".join(_reasons(found)) or "There is none.",
+    )
 
 
 def _table(found: Mapping[str, WorldFindings], cell: Callable[[WorldFindings, str], Any]) -> list[Row]:
@@ -95,20 +82,7 @@ def overview(found: Mapping[str, WorldFindings]) -> Table:
     )
 
 
-def _fractions(found: Mapping[str, WorldFindings]) -> str:
-    return f"""## Of the limit
-
-{fractions(found).as_markdown()}
-The limit is that of two actions; any curvature of the range between them allows a little more, of which
-the line below PPO's is.
-
-![What part of the limit every strategy attains in every world]({FIGURES}/{FIGURE})
-
-*What part of the limit every strategy attains, with its interval; around an egg what part arrives.*
-"""
-
-
-def _gains(found: Mapping[str, WorldFindings]) -> str:
+def _gains(found: Mapping[str, WorldFindings]) -> Table:
     def gain(each: WorldFindings, strategy: str) -> str | None:
         number = each.gain(strategy)
         return number and f"{number.value:.2f} ± {half(number, 2)}"
@@ -118,11 +92,7 @@ def _gains(found: Mapping[str, WorldFindings]) -> str:
         limits = {name: getattr(each, field) for name, each in found.items()}
         told = {name: None if most is None else f"{most.mean():.2f}" for name, most in limits.items()}
         table.append({"strategy": label, **told})
-    return f"""## Gains
-
-Concentration at the end of a life less that at its start.
-
-{Table.of(table).as_markdown()}"""
+    return Table.of(table)
 
 
 def _egg(found: Mapping[str, WorldFindings]) -> str:
@@ -138,21 +108,17 @@ def _egg(found: Mapping[str, WorldFindings]) -> str:
             row[name] = part and f"{percent(part.value)} ({100 * low:.1f} … {100 * high:.1f})"
             row[f"{name}, time"] = time and f"{time.value:.0f} ± {half(time, 0)}"
         table.append(row)
-    return f"""## What part arrives at the egg
-
-And how long it takes where all arrive.
-
-{Table.of(table).as_markdown()}"""
+    return filled(__package__, "egg", table=Table.of(table).as_markdown())
 
 
-def _reasons(found: Mapping[str, WorldFindings]) -> str:
+def _reasons(found: Mapping[str, WorldFindings]) -> list[str]:
+    """Why there is a dash."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for name, each in found.items():
         for what, reason in each.why_not.items():
             if what != OPTIMAL:
                 reasons.setdefault((STRATEGIES.get(what, what), reason), []).append(name)
-    lines = [f"- {label} in {', '.join(names)}: {reason}." for (label, reason), names in reasons.items()]
-    return "\n".join(["## Why there is a dash", "", *(lines or ["There is none."]), ""])
+    return [f"- {label} in {', '.join(names)}: {reason}." for (label, reason), names in reasons.items()]
 
 
 # --- the figure ---------------------------------------------------------------------------------------------
