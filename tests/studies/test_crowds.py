@@ -10,7 +10,7 @@ import pytest
 
 from swarm.policies import network
 from trainers.studies import zoo
-from trainers.studies.crowd import measurements
+from trainers.studies.crowd import study as crowd
 from trainers.studies.crowd.measurements import Sample, with_best
 from trainers.studies.crowd.plan import SHIPPED, TRAININGS, CrowdPlan
 from trainers.studies.crowd.study import STUDY
@@ -39,7 +39,7 @@ def done(tmp_path_factory):
     folder = tmp_path_factory.mktemp("crowds")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(running, "draw", lambda training, run: None)  # of each training
-        found = STUDY.carry_out(TINY, folder / "out", folder / "published")
+        found = STUDY.carry_out(TINY, folder / "out", folder / "published").claims
     return SimpleNamespace(out=folder / "out", published=folder / "published", claims=found)
 
 
@@ -62,11 +62,8 @@ def test_every_training_point_and_figure_is_there(done):
 
 @pytest.mark.slow
 def test_what_is_finished_is_not_done_again(done, monkeypatch):
-    def never(point):
-        raise AssertionError(f"{point.name} is measured again")
-
-    monkeypatch.setattr(measurements, "measure", never)
-    assert STUDY.carry_out(TINY, done.out) == done.claims
+    monkeypatch.setattr(crowd, "measure", lambda point: pytest.fail(f"{point.name} is measured again"))
+    assert STUDY.carry_out(TINY, done.out).claims == done.claims
 
 
 @pytest.mark.slow
@@ -80,7 +77,7 @@ def test_policies_to_be_shipped_tell_of_their_tests(done, tmp_path, monkeypatch)
 
 @pytest.mark.slow
 def test_quick_tests_the_shipped_policies(tmp_path):
-    found = STUDY.carry_out(replace(TINY, quick=True, crowds=((40, 1),), films=1), tmp_path)
+    found = STUDY.carry_out(replace(TINY, quick=True, crowds=((40, 1),), films=1), tmp_path).claims
     assert not (tmp_path / "runs").exists()
     assert {len(claim.seeds) for claim in found if claim.seeds} == {1}
     assert {"race_own_0.5", "shear_learnt_over_greedy_0.08"} <= {claim.id for claim in found}

@@ -32,12 +32,8 @@ def test_every_strategy_lives_in_every_world_or_it_is_said_why_not(out):
     missing = {key: row["why not"] for key, row in rows.items() if not row["gain"]}
     assert missing.keys() == {("radial", PPO), ("radial", OPTIMAL)}
     assert "one speed" in missing["radial", PPO]
-    assert [rows["linear_n4", each]["seeds"] for each in ("greedy", "minimal", DQN, PPO)] == [
-        "1",
-        "2",
-        "2",
-        "2",
-    ]
+    seeds = [rows["linear_n4", each]["seeds"] for each in ("greedy", "minimal", DQN, PPO)]
+    assert seeds == ["1", "2", "2", "2"]
     steady = {strategy: row for (world, strategy), row in rows.items() if world == "linear_n4"}
     assert float(steady[OPTIMAL]["of the limit"]) == pytest.approx(1, abs=2e-3)
     assert all(float(row["of the limit"]) < 1.002 for row in steady.values())
@@ -68,19 +64,18 @@ def test_fractions_are_of_each_cells_own_limit_and_times_of_all_or_none():
     assert found.time_to_egg("some") is None
 
 
-def test_intervals_of_fractions_hold_the_truth():
-    random, held, trials = np.random.default_rng(0), 0, 300
-    for _ in range(trials):
-        most = 30 + random.normal(size=40)
-        gain = 0.9 * most + 0.4 * random.normal(size=(5, 1)) + 0.2 * random.normal(size=(5, 40))
-        lived = {DQN: Lived(gain, np.zeros((5, 40), bool), np.zeros((5, 40)))}
-        low, high = WorldFindings(World(), lived, most, None, {}).fraction(DQN).interval
-        held += low < 0.9 < high
-    assert 0.92 < held / trials < 0.99
-
-
 def test_dashes_of_the_same_reason_are_told_once():
     one = WorldFindings(World(), {}, None, None, dict.fromkeys((*STRATEGIES, LIMIT, ANY), "too dark"))
     told = report.text(TINY, {"a": one, "b": one})
     assert told.count("too dark") == len(STRATEGIES) + 1  # all but the optimal, and both limits
     assert "- greedy in a, b: too dark." in told
+
+
+def test_a_world_without_a_limit_shows_what_there_is_instead():
+    lived = {"greedy": Lived(np.full((1, 3), 4.0), np.array([[True, False, True]]), np.zeros((1, 3)))}
+    found = {name: WorldFindings(World(field=name), lived, None, None, {}) for name in ("radial", "linear")}
+    table = report.overview(found)
+    assert list(table.headings) == ["strategy", "radial, arrived", "linear, gain"]
+    row = dict(zip(table.headings, table.texts[list(STRATEGIES).index("greedy")], strict=True))
+    assert row["radial, arrived"].startswith("66.7% ± ")
+    assert row["linear, gain"] == "4.00 ± 0.00"
