@@ -10,10 +10,10 @@ import pytest
 
 from swarm.policies import network
 from trainers.studies import zoo
-from trainers.studies.crowd import study as crowd
+from trainers.studies.crowd import measurements as crowd
 from trainers.studies.crowd.measurements import Sample, with_best
 from trainers.studies.crowd.plan import SHIPPED, TRAININGS, CrowdPlan
-from trainers.studies.crowd.study import STUDY
+from trainers.studies.crowd.report import STUDY
 from trainers.training import run as running
 
 WORDS = ("world.life=4.0", "learning.epochs=2", "learning.batch_size=16", "validation.life=4.0")

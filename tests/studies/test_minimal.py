@@ -10,9 +10,8 @@ import pytest
 
 from swarm._support.streams import generator
 from trainers.studies.minimal import measurements, neuroevolution
-from trainers.studies.minimal import study as minimal
 from trainers.studies.minimal.plan import MinimalPlan
-from trainers.studies.minimal.study import STUDY
+from trainers.studies.minimal.report import STUDY
 from trainers.training import run as running
 
 pytest.importorskip("cma")
@@ -66,7 +65,7 @@ def test_every_rung_and_figure_is_there(out):
 
 
 def test_what_was_searched_is_not_searched_again(out, monkeypatch):
-    monkeypatch.setattr(minimal, "rungs", lambda *_: pytest.fail("searched again"))
+    monkeypatch.setattr(measurements, "rungs", lambda *_: pytest.fail("searched again"))
     before = (out / "results.csv").read_bytes()
     STUDY.carry_out(dataclasses.replace(TINY, records=()), out)  # tables are no searches
     assert (out / "results.csv").read_bytes() == before

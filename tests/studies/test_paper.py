@@ -19,7 +19,7 @@ from swarm.policies import network
 from trainers.jobs import sweep
 from trainers.studies import stacks
 from trainers.studies.paper.plan import EXPERIMENTS, RECORDS, VARYING, Plan
-from trainers.studies.paper.study import STUDY
+from trainers.studies.paper.report import STUDY
 from trainers.studies.plan import trainings
 from trainers.studies.study import RECORD, REPORT
 from trainers.studies.zoo import ship

@@ -11,7 +11,7 @@ from tests.studies.test_minimal import WORDS, carried_out
 from trainers.studies.strategies import report
 from trainers.studies.strategies.measurements import ANY, LIMIT, Lived, WorldFindings
 from trainers.studies.strategies.plan import DQN, OPTIMAL, PPO, STRATEGIES, StrategiesPlan
-from trainers.studies.strategies.study import STUDY
+from trainers.studies.strategies.report import STUDY
 
 pytest.importorskip("cma")
 

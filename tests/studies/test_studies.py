@@ -7,13 +7,13 @@ import pytest
 from tests.trainers.test_cli import refused
 from trainers.settings.composition import SettingsError
 from trainers.studies.crowd.plan import CrowdPlan
-from trainers.studies.crowd.study import STUDY as CROWD
+from trainers.studies.crowd.report import STUDY as CROWD
 from trainers.studies.minimal.plan import MinimalPlan
-from trainers.studies.minimal.study import STUDY as MINIMAL
+from trainers.studies.minimal.report import STUDY as MINIMAL
 from trainers.studies.paper.plan import Plan
-from trainers.studies.paper.study import STUDY as PAPER
+from trainers.studies.paper.report import STUDY as PAPER
 from trainers.studies.strategies.plan import StrategiesPlan
-from trainers.studies.strategies.study import STUDY as STRATEGIES
+from trainers.studies.strategies.report import STUDY as STRATEGIES
 from trainers.training.run_folder import RunError
 
 PLANS = {"paper": Plan(), "crowd": CrowdPlan(), "minimal": MinimalPlan()}

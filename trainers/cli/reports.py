@@ -47,9 +47,9 @@ def reproduce(
 ) -> None:
     """Reproduce every figure and table of the paper, with a verdict on each of its claims."""
     from trainers.studies.crowd.plan import CrowdPlan
-    from trainers.studies.crowd.study import STUDY as CROWDS
+    from trainers.studies.crowd.report import STUDY as CROWDS
     from trainers.studies.paper.plan import Plan
-    from trainers.studies.paper.study import STUDY as PAPER
+    from trainers.studies.paper.report import STUDY as PAPER
 
     changes: dict[str, Any] = {"quick": quick, "launcher": launcher, "address": address}
     changes |= {"workers": None} if launcher is not None else {}
@@ -77,8 +77,7 @@ def minimal(
     training.
     """
     from trainers.studies.minimal.plan import MinimalPlan
-    from trainers.studies.minimal.report import smallest
-    from trainers.studies.minimal.study import STUDY
+    from trainers.studies.minimal.report import STUDY, smallest
 
     plan = MinimalPlan(**_chosen("cases", context.args), **_changes(seeds, jobs))
     _print(smallest(_carried_out(STUDY, plan, out, publish).cases), out)
@@ -99,8 +98,7 @@ def strategies(
     every training.
     """
     from trainers.studies.strategies.plan import StrategiesPlan
-    from trainers.studies.strategies.report import overview
-    from trainers.studies.strategies.study import STUDY
+    from trainers.studies.strategies.report import STUDY, overview
 
     plan = StrategiesPlan(**_chosen("worlds", context.args), **_changes(seeds, jobs))
     _print(overview(_carried_out(STUDY, plan, out, publish)), out)

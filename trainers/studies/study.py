@@ -5,6 +5,7 @@ them and with what it measured or searched. Every other file of OUT is written a
 the report last.
 """
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -37,8 +38,8 @@ class Contents(NamedTuple):
     """What a study writes besides figures."""
 
     tables: Mapping[str, Sequence[Mapping[str, Any]]]  # rows, by file
-    record: Mapping[str, Any]  # where numbers come from, besides the plan, versions and commit
     report: str
+    record: Mapping[str, Any] = {}  # where numbers come from, besides the plan, versions and settings
     claims: Mapping[str, Sequence[Any]] = {}  # by file
 
 
@@ -74,7 +75,7 @@ class Study(NamedTuple):
             shutil.rmtree(left, ignore_errors=True)
         with tempfile.TemporaryDirectory(prefix=WRITING, dir=out, ignore_cleanup_errors=True) as name:
             staged = Path(name)
-            _write(self.write(plan, planned, found, staged), plan, staged)
+            _write(self.write(plan, planned, found, staged), plan, planned, staged)
             if publish is not None:
                 self.put_in_place(staged, publish, without=zoo.FOLDER)
             self.put_in_place(staged, out)
@@ -130,12 +131,13 @@ def _is_result(path: Path) -> bool:
     return not hidden and (path.is_dir() or path.suffix in RESULTS)
 
 
-def _write(contents: Contents, plan: TrainingPlan, folder: Path) -> None:
+def _write(contents: Contents, plan: TrainingPlan, planned: Sequence[Training], folder: Path) -> None:
     for name, rows in contents.tables.items():
         headings = dict.fromkeys(heading for row in rows for heading in row)
         full = [{heading: row.get(heading) for heading in headings} for row in rows]
         (folder / name).write_text(Table.of(full).as_csv(DIGITS), encoding="utf-8")
     record = {"plan": plan.recorded(), **provenance.origin(), **contents.record}
+    record.setdefault("trainings", {each.name: dataclasses.asdict(each.settings) for each in planned})
     claims = {name: [each._asdict() for each in judged] for name, judged in contents.claims.items()}
     for name, values in (claims | {RECORD: record}).items():
         stored = json.dumps(values, indent=2, allow_nan=False, ensure_ascii=False)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm._support import provenance
+from swarm.optimal.physical_limit import limit
 from swarm.physics.starts import draw_starts, draw_worlds
 from swarm.policies.policy import AnyPolicy
 from swarm.policies.strategies import Greedy
@@ -19,12 +20,24 @@ from swarm.population.contests import contest
 from swarm.population.results import RIVAL
 from swarm.population.rollout import rollout
 from trainers.jobs.executors import Task
-from trainers.studies.claims import Measure
-from trainers.studies.crowd.plan import FILM, FINE, RACE, SHEAR, UPTAKE, Point
+from trainers.studies.claims import (
+    NOT_REPRODUCED,
+    REPRODUCED,
+    REVERSED,
+    Claim,
+    Measure,
+    all_claims,
+    statements,
+)
+from trainers.studies.crowd.plan import CROWD, FILM, FINE, RACE, SHEAR, UPTAKE, CrowdPlan, Point, points
 from trainers.studies.estimates import Estimate, estimate
-from trainers.studies.stacks import arrays_of
-from trainers.studies.study import Packed, kept_in
+from trainers.studies.plan import Training
+from trainers.studies.stacks import Trained, arrays_of, stacks_of
+from trainers.studies.study import Packed, do_once, kept_in
+from trainers.training import run_folder as runs
+from trainers.training.run_folder import RunFolder
 
+VERDICTS = {REPRODUCED: "yes", NOT_REPRODUCED: "not shown", REVERSED: "no"}
 LATER = 0.5  # part of a film's decisions after which order is measured
 
 
@@ -121,7 +134,7 @@ def _crowding(point: Point, policy: AnyPolicy) -> dict[str, np.ndarray]:
 _MEASURED = {UPTAKE: _eating, FINE: _eating, RACE: _racing, SHEAR: _searching, FILM: _crowding}
 
 
-# --- what was measured before ------------------------------------------------------------------------------
+# --- the whole, and what was measured before ----------------------------------------------------------------
 
 
 def file_of(point: Point, folder: Path) -> Path:
@@ -156,3 +169,52 @@ def with_best(found: Samples, rates: Sequence[float]) -> Samples:
         chances = [found[f"{name}_choice"][kind].numbers["arrived"].mean() for name in names]
         best[kind] = found[names[int(np.argmax(chances))]][kind]
     return {**found, f"{SHEAR}_best": best}
+
+
+class CrowdFindings(NamedTuple):
+    plan: CrowdPlan
+    samples: Samples
+    claims: Sequence[Claim]  # their verdicts in the words of `VERDICTS`
+    trained: dict[str, Trained]  # by experiment
+    limit: float | None  # of a cell alone, in the same lives
+    minutes: dict[str, float]  # of every training
+
+
+def find(plan: CrowdPlan, planned: Sequence[Training], out: Path) -> CrowdFindings:
+    """Measure every point, and judge."""
+    trained = {experiment: each for (_, experiment), each in stacks_of(plan, planned).items()}
+    wanted = points(plan, {name: each.stack for name, each in trained.items()})
+    tasks = {
+        file_of(each, out / "measured"): Task(each.name, measure, (each,), work(each)) for each in wanted
+    }
+    by_name = do_once(plan.executor(), tasks, "points", packed, unpacked)
+    samples = with_best(by_name, plan.shear_rates)
+
+    def sample(where: str, recipe: str) -> Sample | None:
+        point, kind = where.split("/")
+        return samples.get(point, {}).get(kind)
+
+    claims = all_claims(statements(__package__, MEASURES), sample, plan.recipes)
+    claims = [each._replace(verdict=VERDICTS[each.verdict]) for each in claims]
+    alone = plan.world(CROWD).replace(medium=None)
+    cells = max(cells for cells, _ in plan.crowds)
+    bound = limit(alone, draw_starts(alone, cells, plan.seed))
+    return CrowdFindings(plan, samples, claims, trained, bound, minutes(planned))
+
+
+def work(point: Point) -> float:
+    """Roughly in their ratio points take their time."""
+    policies = 1 + sum(len(stack.policies) for stack in point.stacks)
+    decision = {  # [ms]
+        UPTAKE: 0.5 + 0.005 * point.cells,
+        FINE: 4.0,
+        RACE: 0.01,
+        SHEAR: 0.012 * point.cells,
+        FILM: 300.0,
+    }
+    return policies * point.world.max_decisions * point.worlds * decision[point.experiment]
+
+
+def minutes(planned: Sequence[Training]) -> dict[str, float]:
+    rows = {each.name: RunFolder(each.folder).rows(runs.TIMINGS) for each in planned}
+    return {name: sum(float(row["seconds"]) for row in each) / 60 for name, each in rows.items()}

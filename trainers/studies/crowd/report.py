@@ -1,5 +1,6 @@
 """The report on crowds: verdicts, tables, figures and words, every number of which was just measured."""
 
+import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,9 +11,10 @@ import numpy as np
 from swarm import figures
 from swarm._support.tables import NOTHING, Table
 from swarm.figures.style import look
-from trainers.studies.claims import NOT_REPRODUCED, REPRODUCED, REVERSED, Claim
-from trainers.studies.crowd.measurements import MEASURES, Sample, Samples, level
-from trainers.studies.crowd.plan import CROWD, FILM, RACE, SHEAR, UPTAKE, VARIANTS, CrowdPlan
+from trainers.studies import zoo
+from trainers.studies.claims import Claim
+from trainers.studies.crowd.measurements import MEASURES, CrowdFindings, Sample, Samples, find, level
+from trainers.studies.crowd.plan import CROWD, FILM, RACE, SHEAR, SHIPPED, UPTAKE, VARIANTS, CrowdPlan
 from trainers.studies.estimates import (
     Row,
     columns,
@@ -23,10 +25,11 @@ from trainers.studies.estimates import (
     printed_by,
     with_interval,
 )
-from trainers.studies.stacks import Trained
-from trainers.studies.study import FIGURES
+from trainers.studies.plan import Training
+from trainers.studies.study import FIGURES, Contents, Study
+from trainers.training.run_folder import RunFolder
 
-VERDICTS = {REPRODUCED: "yes", NOT_REPRODUCED: "not shown", REVERSED: "no"}
+VERDICTS_FILE, RESULTS = "verdicts.json", "results.csv"
 TITLES = {
     UPTAKE: "Cells that eat",
     RACE: "A race to one egg",
@@ -67,15 +70,6 @@ PANELS = {
         Panel("nearest neighbour", "", "nearest neighbour"),
     ),
 }
-
-
-class CrowdFindings(NamedTuple):
-    plan: CrowdPlan
-    samples: Samples
-    claims: Sequence[Claim]  # their verdicts in the words of `VERDICTS`
-    trained: dict[str, Trained]  # by experiment
-    limit: float | None  # of a cell alone, in the same lives
-    minutes: dict[str, float]  # of every training
 
 
 def rows(found: CrowdFindings, experiment: str) -> Iterator[Row]:
@@ -243,3 +237,34 @@ def _sweeps(samples: Samples, experiment: str) -> Iterator[figures.Sweep]:
 def _numbers(sample: Sample, measure: str) -> tuple[float, float, float]:
     found = level(sample, measure)
     return (found.value, *(found.interval or (np.nan, np.nan)))
+
+
+# --- the whole ----------------------------------------------------------------------------------------------
+
+
+def write(plan: CrowdPlan, planned: Sequence[Training], found: CrowdFindings, folder: Path) -> Contents:
+    """Figures, policies to be shipped, whose cards tell of the test in the world they were trained for, and
+    tables.
+    """
+    drawn = draw(found.samples, folder)
+    for name, where in SHIPPED.items() if planned else ():
+        trained, (point, _, kind) = found.trained[name], where.partition("/")
+        sample = found.samples.get(point, {}).get(kind, Sample((), {}))
+        chosen = trained.stack.chosen
+        tested = {name: float(values[chosen].mean()) for name, values in sample.numbers.items()}
+        told = tested | {"test": where, "seed": plan.seed}
+        zoo.put(folder / zoo.FOLDER, trained, told)
+    about = {
+        each.name: {"seeds": each.settings.seeds, "settings": dataclasses.asdict(each.settings)}
+        | {name: RunFolder(each.folder).record.get(name) for name in ("versions", "commit")}
+        for each in planned
+    }
+    return Contents(
+        {RESULTS: [row for experiment in drawn for row in rows(found, experiment)]},
+        text(found, drawn),
+        {"trainings": about},
+        {VERDICTS_FILE: found.claims},
+    )
+
+
+STUDY = Study("crowds", (VERDICTS_FILE, RESULTS), find, write)

@@ -2,6 +2,7 @@
 the test.
 """
 
+import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,9 +20,11 @@ from trainers.jobs.executors import Task
 from trainers.studies.estimates import Estimate, estimate
 from trainers.studies.minimal import neuroevolution, search
 from trainers.studies.minimal.brain import Brains, brains_of, gains, stacked
-from trainers.studies.minimal.plan import ATTAINABLE, DQN, EVOLUTION, MinimalPlan
-from trainers.studies.stacks import arrays_of
-from trainers.studies.study import Packed, kept_in
+from trainers.studies.minimal.plan import ATTAINABLE, DQN, EVOLUTION, MinimalPlan, rung
+from trainers.studies.minimal.tables import Tabulated, tabulate
+from trainers.studies.plan import Training
+from trainers.studies.stacks import all_policies, arrays_of
+from trainers.studies.study import Packed, do, do_once, kept_in
 
 MACHINE, PRUNED, THINNED, NEAT = "machine", "pruned", "thinned", "neat"
 METHODS = {
@@ -148,7 +151,7 @@ def measure(case: str, plan: MinimalPlan, found: Sequence[Rung]) -> CaseFindings
     return CaseFindings(measured, bound, others, greedy, ATTAINABLE.get(case))
 
 
-# --- what was searched before ------------------------------------------------------------------------------
+# --- the whole, and what was searched before ----------------------------------------------------------------
 
 
 def file_of(method: str, case: str, plan: MinimalPlan, networks: Networks, folder: Path) -> Path:
@@ -172,3 +175,33 @@ def unpacked(task: Task, held: Mapping[str, np.ndarray], card: Mapping[str, Any]
         Rung(task.arguments[0], nodes, parameters, Brains(held[f"{place}.weights"], held[f"{place}.biases"]))
         for place, (nodes, parameters) in enumerate(card["rungs"])
     ]
+
+
+class Findings(NamedTuple):
+    cases: dict[str, CaseFindings]
+    tables: list[Tabulated]
+
+
+def find(plan: MinimalPlan, planned: Sequence[Training], out: Path) -> Findings:
+    """Find the smallest brains of every case, and fill lookup tables of all sizes."""
+    trained, tasks = all_policies(planned), {}
+    for case in plan.cases:
+        rungs_of = itertools.product(plan.algorithms, plan.nodes)
+        networks = {
+            (algorithm, nodes): trained[rung(case, algorithm, nodes)] for algorithm, nodes in rungs_of
+        }
+        for method, label in METHODS.items():
+            path = file_of(method, case, plan, networks, out / "searched")
+            tasks[path] = Task(f"{case} by {label}", rungs, (method, case, plan, networks))
+    searched = do_once(plan.executor(), tasks, "searches", packed, unpacked)
+    of_case: dict[str, list[Rung]] = {case: [] for case in plan.cases}
+    for task in tasks.values():
+        of_case[task.arguments[1]] += searched[task.label]
+    tests = [Task(case, measure, (case, plan, found)) for case, found in of_case.items()]
+    cases = do(plan.executor(), tests, "tests")
+    world, life = plan.training_world(plan.cases[0]), plan.test_world(plan.cases[0]).life
+    filled = [
+        Task(f"N_T = {n}, {bins} bins", tabulate, (world.replace(n_records=n), life, bins, plan), n)
+        for n, bins in itertools.product(plan.records, plan.bins)
+    ]
+    return Findings(cases, list(do(plan.executor(), filled, "tables").values()))

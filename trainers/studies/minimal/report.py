@@ -10,9 +10,10 @@ import numpy as np
 from swarm import figures
 from swarm._support.tables import Table, percent
 from swarm.figures import style
+from swarm.physics.starts import draw_starts
 from trainers.studies.estimates import estimate, filled, percent_of, printed_by
 from trainers.studies.minimal import drawing
-from trainers.studies.minimal.brain import Brains
+from trainers.studies.minimal.brain import Brains, gains
 from trainers.studies.minimal.measurements import (
     LEVELS,
     MACHINE,
@@ -20,13 +21,18 @@ from trainers.studies.minimal.measurements import (
     PRUNED,
     THINNED,
     CaseFindings,
+    Findings,
     Measured,
+    find,
+    validation_gains,
 )
 from trainers.studies.minimal.plan import DQN, EVOLUTION, MinimalPlan
 from trainers.studies.minimal.tables import Tabulated
-from trainers.studies.study import FIGURES
+from trainers.studies.plan import Training
+from trainers.studies.study import FIGURES, Contents, Study
 
-FIGURE = "parameters.png"
+FIGURE, RESULTS = "parameters.png", "results.csv"
+ROUNDING = 1e-3  # part of the gain that rounding may cost
 COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#222222")
 LOOKS = dict(zip(METHODS, zip(COLOURS, "o.s^vD", strict=True), strict=True))
 
@@ -59,17 +65,12 @@ def rows(case: str, found: CaseFindings) -> Iterator[dict[str, Any]]:
         }
 
 
-def text(
-    plan: MinimalPlan,
-    found: Mapping[str, CaseFindings],
-    drawn: Mapping[str, Drawn],
-    tables: Sequence[Tabulated],
-) -> str:
+def text(plan: MinimalPlan, found: Findings, drawn: Mapping[str, Drawn]) -> str:
     said = (
         "Fewest parameters with which the validation cells reach the level in the mean over seeds, and what "
         "of the limit the test cells then gain, the worst seed in brackets."
     )
-    for case, each in found.items():
+    for case, each in found.cases.items():
         if each.attainable:
             said += (
                 f" In {case} two records leave the heading ambiguous: levels are of {each.attainable:g}, "
@@ -84,11 +85,11 @@ def text(
         thinned=METHODS[THINNED],
         begun=" and ".join(map(str, plan.thinned)),
         said=textwrap.fill(said, 109),
-        smallest=smallest(found).as_markdown(texts=2),
+        smallest=smallest(found.cases).as_markdown(texts=2),
         figure=f"{FIGURES}/{FIGURE}",
-        cases="\n".join(_case(plan, case, each, drawn[case]) for case, each in found.items()),
+        cases="\n".join(_case(plan, case, each, drawn[case]) for case, each in found.cases.items()),
         first=plan.cases[0],
-        tables=_tabulated(plan, tables).as_markdown(),
+        tables=_tabulated(plan, found.tables).as_markdown(),
     )
 
 
@@ -224,3 +225,43 @@ def _panel(axes: Any, found: CaseFindings) -> None:
         axes.axhline(
             1 - level * (found.attainable or found.limit) / found.limit, color="#bbbbbb", lw=0.6, zorder=0
         )
+
+
+# --- the whole ----------------------------------------------------------------------------------------------
+
+
+def chosen(case: str, plan: MinimalPlan, found: CaseFindings) -> Drawn:
+    """The smallest brain of all methods that reaches the highest level of those that can be drawn, of the
+    seed that validation prefers, its numbers rounded as far as that costs next to nothing.
+    """
+    for level in (*LEVELS[::-1], -np.inf):
+        smallest = filter(None, (found.smallest(method, level) for method in METHODS))
+        fit = [each for each in smallest if each.rung.parameters <= drawing.MOST]
+        if fit:
+            break
+    source = min(fit, key=lambda each: (each.rung.parameters, -float(each.validation.mean())))
+    seed = int(np.argmax(source.validation))
+    exact = source.rung.brains[seed : seed + 1]
+    for digits in range(1, 7):
+        brain = drawing.rounded(exact, digits)
+        if validation_gains(case, plan, brain)[0] >= (1 - ROUNDING) * source.validation[seed]:
+            break
+    world = plan.test_world(case)
+    starts = draw_starts(world, plan.cells, plan.seed)
+    gain = float(gains(world, brain, starts, plan.seed, population="test").mean())
+    return Drawn(source, seed, digits, brain, gain)
+
+
+def write(plan: MinimalPlan, planned: Sequence[Training], found: Findings, folder: Path) -> Contents:
+    """The figure, a drawing of each case's smallest brain, and tables."""
+    draw(found.cases, folder)
+    drawn = {case: chosen(case, plan, each) for case, each in found.cases.items()}
+    for case, each in drawn.items():
+        path = folder / FIGURES / f"brain_{case}.svg"
+        drawing.draw(each.brain, each.digits, f"{case}: {int(each.brain.parameters[0])} parameters", path)
+    told = {case: {"gain": each.gain, "inputs": each.brain.inputs} for case, each in drawn.items()}
+    table = [row for case, each in found.cases.items() for row in rows(case, each)]
+    return Contents({RESULTS: table}, text(plan, found, drawn), {"drawn": told})
+
+
+STUDY = Study("nodes", (RESULTS,), find, write, needs=("the searches need", "cma", "neat"))

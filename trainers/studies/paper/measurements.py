@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +14,15 @@ from swarm.policies.policy import AnyPolicy
 from swarm.policies.strategies import Greedy, Swinging
 from swarm.population.blocks.block import lives
 from swarm.population.results import RIVAL
-from trainers.studies.claims import DEVISED, Measure
+from trainers.jobs.executors import Task
+from trainers.studies.claims import DEVISED, Claim, Measure, all_claims, statements
 from trainers.studies.estimates import loss
-from trainers.studies.stacks import Stack, TrainingGains
+from trainers.studies.paper.plan import EGG, RECORDS, TESTS, Plan
+from trainers.studies.plan import Training
+from trainers.studies.stacks import Key, Stack, Trained, TrainingGains, stacks_of
+from trainers.studies.study import do
 
+SHIPPED = "swarm"  # the recipe whose policies are shipped
 TENTH = 0.1  # part of the epochs at either end of a training that are compared
 
 
@@ -259,3 +265,56 @@ MEASURES = {
     "way back": Measure(lambda circle: circle.back, "steps of the centreline"),
     "distance off the circle": Measure(lambda circle: circle.deviation, "of the radius"),
 }
+
+
+# --- the whole ----------------------------------------------------------------------------------------------
+
+
+class Findings(NamedTuple):
+    plan: Plan
+    planned: Sequence[Training]  # none where shipped policies are tested
+    trained: Mapping[Key, Trained]
+    tests: Sequence[Case]
+    evidence: Evidence
+    claims: Sequence[Claim]
+
+
+def find(plan: Plan, planned: Sequence[Training], out: Path) -> Findings:
+    """Test every policy in every world, and judge."""
+    trained = stacks_of(plan, planned)
+    tests = cases(plan, trained)
+    gains = {key: each.gains for key, each in trained.items() if each.gains is not None}
+    tasks = [Task(case.name, measure, (case,), work(case)) for case in tests]
+    measured = do(plan.executor(), tasks, "tests")
+    circles = {
+        case.name: swinging_circle(case.world, cells=plan.swinging_cells, seed=plan.seed)
+        for case in tests
+        if case.name in RECORDS
+    }
+    evidence = Evidence(measured, circles, gains)
+    recipes = list(dict.fromkeys(recipe for case in tests for recipe in case.recipes))
+    claims = all_claims(statements(__package__, MEASURES), evidence.sample, recipes)
+    return Findings(plan, planned, trained, tests, evidence, claims)
+
+
+def cases(plan: Plan, trained: Mapping[Key, Trained]) -> list[Case]:
+    """Every test for which there are policies."""
+    found = []
+    ordered = sorted((each.stack for each in trained.values()), key=lambda stack: stack.recipe != SHIPPED)
+    for name, kinds in TESTS.items():
+        tested = tuple(
+            stack._replace(kind=kind)
+            for stack in ordered
+            for kind, experiment in kinds.items()
+            if stack.experiment == experiment
+        )
+        if tested and next(iter(kinds.values())) in plan.experiments:
+            cells = plan.radial_cells if name == EGG else plan.cells
+            found.append(Case(name, plan.test_world(name), tested, cells, plan.seed))
+    return found
+
+
+def work(case: Case) -> float:
+    """Roughly in their ratio tests take their time."""
+    policies = 3 + sum(len(stack.policies) for stack in case.stacks)
+    return policies * case.world.max_decisions * (5.0 if case.world.in_flow else 1.0)

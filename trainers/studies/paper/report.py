@@ -2,51 +2,32 @@
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
-
-import numpy as np
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 from swarm._support.tables import NOTHING, Table, percent
-from swarm.population.results import RIVAL
-from swarm.population.statistics import fraction_of_limit
-from trainers.studies.claims import DEVISED, Claim
-from trainers.studies.estimates import (
-    Row,
-    columns,
-    estimate,
-    filled,
-    interval_of,
-    number,
-    printed_by,
-    spread_of,
+from trainers.jobs.executors import Task
+from trainers.studies import zoo
+from trainers.studies.claims import Claim
+from trainers.studies.estimates import Row, estimate, filled, interval_of, number, printed_by, spread_of
+from trainers.studies.paper.illustrations import Drawing, draw_all
+from trainers.studies.paper.measurements import SHIPPED, Evidence, Findings, find
+from trainers.studies.paper.plan import EGG, VORTICES, Plan
+from trainers.studies.paper.tables import (
+    AUTHORS_TEST,
+    as_dataset,
+    result_rows,
+    seed_rows,
+    tested,
+    training_rows,
+    where_from,
 )
-from trainers.studies.paper.illustrations import Drawing
-from trainers.studies.paper.measurements import MEASURES, Case, Evidence, Measured
-from trainers.studies.paper.plan import VORTICES, Plan
 from trainers.studies.plan import Training
-from trainers.studies.stacks import Key, Trained
-from trainers.training import run_folder as runs
-from trainers.training.run_folder import RunFolder
+from trainers.studies.study import FIGURES, Contents, Study, do
 
-# Gains of the networks that the paper's authors published (github.com/mokchie/chemotaxis, v0saved_model of
-# commit 2f750d9), replayed in this model on the plan's own test cells: mean and standard deviation over them.
-AUTHORS = {
-    ("linear_n2", "dqn"): (22.10, 1.13),
-    ("linear_n4", "dqn"): (24.52, 0.31),
-    ("linear_n8", "dqn"): (20.78, 0.22),
-    (VORTICES, "still"): (48.52, 3.18),
-}
-AUTHORS_TEST = "400 cells of the population seed 100, lives of 200, in the flow of 400"
-
-
-class Findings(NamedTuple):
-    plan: Plan
-    planned: Sequence[Training]  # none where shipped policies are tested
-    trained: Mapping[Key, Trained]
-    tests: Sequence[Case]
-    evidence: Evidence
-    claims: Sequence[Claim]
+CLAIMS, RESULTS, SEEDS = "claims.json", "results.csv", "seeds.csv"
+LIVES = "lives"  # of every cell, a file per test
 
 
 def text(found: Findings, drawn: Sequence[Drawing]) -> str:
@@ -196,95 +177,32 @@ def _short(unit: str) -> str:
     return {"degrees": "°"}.get(unit, "" if unit.startswith("concentration") else unit)
 
 
-# --- tables of results --------------------------------------------------------------------------------------
+# --- the whole ----------------------------------------------------------------------------------------------
 
 
-def result_rows(found: Findings) -> list[Row]:
-    """A row for every policy or strategy in every test."""
-    outcomes = [(case, found.evidence.cases[case.name]) for case in found.tests]
-    return [_result_row(case, outcome, key) for case, outcome in outcomes for key in outcome.lives]
+def write(plan: Plan, planned: Sequence[Training], found: Findings, folder: Path) -> Contents:
+    """Every figure of the paper under every recipe, lives, policies to be shipped, and tables."""
+    few, fewer = plan.figure_cells, plan.radial_figure_cells
+    shown = [case._replace(cells=fewer if case.name == EGG else few) for case in found.tests]
+    curves = {key: each.curve for key, each in found.trained.items() if each.curve is not None}
+    recipes = dict.fromkeys(recipe for case in found.tests for recipe in case.recipes)
+    tasks = [Task(recipe, draw_all, (recipe, curves, shown, folder)) for recipe in recipes]
+    drawn = [each for some in do(plan.executor(on_disk=True), tasks, "figures").values() for each in some]
+    (folder / LIVES).mkdir()
+    for case in found.tests:
+        data = as_dataset(case, found.evidence.cases[case.name])
+        compressed = {name: {"zlib": True} for name in data.data_vars}
+        data.to_netcdf(folder / LIVES / f"{case.name}.nc", engine="h5netcdf", encoding=compressed)
+        for stack in case.stacks if planned else ():
+            if stack.recipe == SHIPPED and stack.kind != "still":
+                trained = found.trained[stack.recipe, stack.experiment]
+                zoo.put(folder / zoo.FOLDER, trained, tested(stack, case, found))
+    return Contents(
+        {RESULTS: result_rows(found), SEEDS: list(seed_rows(found))},
+        text(found, drawn),
+        {"trainings": where_from(found)},
+        {CLAIMS: found.claims},
+    )
 
 
-def _result_row(case: Case, measured: Measured, key: Key) -> Row:
-    (recipe, kind), lives = key, measured.lives[key]
-    of_mean, by_seed = estimate(lives.gain), lives.gain.mean(axis=1)
-    greedy, rival = measured.lives[DEVISED, RIVAL], kind == RIVAL
-    still = case.world.egg is None and not case.world.in_flow
-    angle = MEASURES["angle"].values(lives).mean(axis=1) if still and kind != "swinging" else None
-    authors = AUTHORS.get((case.name, kind), (None, None)) if recipe == "paper" else (None, None)
-    return {
-        "test": case.name,
-        "recipe": recipe or None,
-        "policy": kind,
-        "seeds": len(lives.seeds) or None,
-        "cells": lives.gain.shape[1],
-        "life": case.world.life,
-        **columns("gain", of_mean, "_"),
-        "std_of_cells": float(lives.gain.std(axis=1).mean()),
-        "std_of_seeds": _spread(by_seed),
-        "worst_seed": of_mean.lowest,
-        "median_seed": float(np.quantile(by_seed, 0.5, method="lower")),
-        "best_seed": of_mean.highest,
-        "limit": measured.limit,
-        "limit_error": measured.limit_error,
-        "part_of_limit": fraction_of_limit(of_mean.value, measured.limit),
-        "worst_part_of_limit": fraction_of_limit(of_mean.lowest, measured.limit),
-        **columns("lead", None if rival else estimate(lives.gain, greedy.gain), "_"),
-        "beat_greedy": None if rival else float(lives.ahead.mean()),
-        "angle": None if angle is None else float(angle.mean()),
-        "std_of_angle": None if angle is None else _spread(angle),
-        "pattern_broken": float(lives.broken.mean()) if still else None,
-        "wave": float(lives.wave.mean()) if still else None,
-        "arrived": None if case.world.egg is None else float(lives.arrived.mean()),
-        "mean_lifetime": None if case.world.egg is None else float(lives.lifetime.mean()),
-        "authors": authors[0],
-        "std_of_authors": authors[1],
-    }
-
-
-def _spread(by_seed: np.ndarray) -> float | None:
-    return float(by_seed.std(ddof=1)) if len(by_seed) > 1 else None
-
-
-def seed_rows(found: Findings) -> Iterator[Row]:
-    """A row for every training seed in every test."""
-    for case, stack in [(each, stack) for each in found.tests for stack in each.stacks]:
-        measured = found.evidence.cases[case.name]
-        lives = measured.lives[stack.recipe, stack.kind]
-        for place, (seed, policy) in enumerate(zip(stack.seeds, stack.policies, strict=True)):
-            gain = lives.gain[place]
-            yield {
-                "test": case.name,
-                "recipe": stack.recipe,
-                "policy": stack.kind,
-                "experiment": stack.experiment,
-                "seed": seed,
-                "chosen": place == stack.chosen,
-                "kept_epoch": policy.card.get("epoch"),
-                "validation_gain": policy.card.get("validation", {}).get("gain"),
-                "gain": float(gain.mean()),
-                "std": float(gain.std()),
-                "min": float(gain.min()),
-                "max": float(gain.max()),
-                "part_of_limit": fraction_of_limit(float(gain.mean()), measured.limit),
-                "arrived": None if case.world.egg is None else float(lives.arrived[place].mean()),
-            }
-
-
-def training_rows(found: Findings) -> Iterator[Row]:
-    """A row for every run: what it cost."""
-    for each in found.planned:
-        run, learning = RunFolder(each.folder), each.settings.learning
-        own = each.run.startswith(f"{each.recipe}/{each.experiment}")
-        minutes = sum(float(row["seconds"]) for row in run.rows(runs.TIMINGS)) / 60
-        yield {
-            "training": f"{each.recipe} {each.experiment}",
-            "seeds": each.settings.n_seeds,
-            "cells": learning.n_swimmers * learning.n_worlds,
-            "hidden layers": "×".join(str(size) for size in learning.hidden),
-            "γ": f"{learning.discount:g}",
-            "life": f"{each.settings.training_world().life:g}",
-            "epochs": learning.epochs,
-            "minutes, all seeds at once": f"{minutes:.1f}" if own else f"the run of {each.run}",
-            "commit": run.record.get("commit") or "unknown",
-        }
+STUDY = Study("radial_cells", (CLAIMS, RESULTS, SEEDS), find, write, (FIGURES, LIVES))

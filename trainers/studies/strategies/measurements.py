@@ -1,6 +1,7 @@
 """What every strategy gains in one world, beside what is possible there."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +13,14 @@ from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy
 from swarm.population import evaluation
 from swarm.population.blocks.block import lives
+from trainers.jobs.executors import Task
 from trainers.studies.estimates import Estimate, estimate
 from trainers.studies.minimal import search
 from trainers.studies.minimal.brain import Brains
+from trainers.studies.plan import Training
+from trainers.studies.stacks import all_policies
 from trainers.studies.strategies.plan import DQN, MINIMAL, PPO, STRATEGIES, StrategiesPlan
+from trainers.studies.study import do
 
 LIMIT, ANY = "the limit", "the limit, any curvature"
 
@@ -110,3 +115,14 @@ def possible(world: World, starts: Starts) -> np.ndarray | str:
     if cells is None or mean is None:
         return f"the limit needs {why_no_limit(world)}"
     return cells * (mean / cells.mean())
+
+
+def find(plan: StrategiesPlan, planned: Sequence[Training], out: Path) -> dict[str, WorldFindings]:
+    """Search for the smallest brains, and test every strategy in every world."""
+    searches = [Task(f"smallest brain in {name}", minimal, (name, plan)) for name in plan.worlds]
+    brains = do(plan.executor(), searches, "searches").values()
+    policies, tests = all_policies(planned), []
+    for name, smallest in zip(plan.worlds, brains, strict=True):
+        trained = {each: policies[f"{name}_{each}"] for each in (DQN, PPO) if f"{name}_{each}" in policies}
+        tests.append(Task(name, measure, (name, plan, trained, smallest)))
+    return do(plan.executor(), tests, "tests")

@@ -1,6 +1,6 @@
 """The report on all strategies: a table, a figure and words, every number of which was just measured."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +8,13 @@ from swarm import figures
 from swarm._support.tables import Table, percent
 from swarm.figures import style
 from trainers.studies.estimates import Row, columns, filled, half, percent_of, printed_by
-from trainers.studies.strategies.measurements import ANY, LIMIT, WorldFindings
+from trainers.studies.plan import Training
+from trainers.studies.strategies.measurements import ANY, LIMIT, WorldFindings, find
 from trainers.studies.strategies.plan import DQN, MINIMAL, OPTIMAL, PPO, STRATEGIES, WORLDS, StrategiesPlan
-from trainers.studies.study import FIGURES
+from trainers.studies.study import FIGURES, Contents, Study
 
-FIGURE, PANELS = "strategies.png", 4  # side by side
+FIGURE, RESULTS = "strategies.png", "results.csv"
+PANELS = 4  # side by side
 COLOURS = {DQN: "#0072B2", PPO: "#E69F00", MINIMAL: "#CC79A7", OPTIMAL: style.INK}  # others: devised
 DEVISED = "#009E73"
 OWN = f"{STRATEGIES[PPO]}, of its own limit"
@@ -159,3 +161,18 @@ def _panel(axes: Any, found: WorldFindings) -> None:
     axes.axvline(1.0, color="#bbbbbb", lw=0.6, zorder=0)
     axes.set(xlim=(-0.08, 1.08), xlabel="part that arrives" if egg else "of the limit")
     axes.set_xticks([0, 0.5, 1], ["0", "50%", "100%"])
+
+
+# --- the whole ----------------------------------------------------------------------------------------------
+
+
+def write(
+    plan: StrategiesPlan, planned: Sequence[Training], found: Mapping[str, WorldFindings], folder: Path
+) -> Contents:
+    draw(found, folder)
+    return Contents(
+        {RESULTS: [row for name, each in found.items() for row in rows(name, each)]}, text(plan, found)
+    )
+
+
+STUDY = Study("worlds", (RESULTS,), find, write, needs=("the search for the smallest brain needs", "cma"))
