@@ -14,7 +14,7 @@ from trainers.jobs.cluster import launched
 from trainers.jobs.executors import executor_for
 from trainers.settings.composition import SettingsError, settings_from, settings_from_stored
 from trainers.settings.schema import Settings
-from trainers.training.run_folder import RunError, RunFolder
+from trainers.training.run_folder import TIMINGS, RunError, RunFolder
 
 DECIDED = ("recipe", "algorithm")  # by the plan, not by words
 RUNS = "runs"
@@ -95,6 +95,17 @@ class Training(NamedTuple):
         """Decisions of one cell of every seed: roughly in their ratio trainings take their time."""
         settings = self.settings
         return float(settings.learning.epochs * settings.training_world().max_decisions * settings.n_seeds)
+
+    @property
+    def minutes(self) -> float:
+        """How long all seeds at once took."""
+        return sum(float(row["seconds"]) for row in RunFolder(self.folder).rows(TIMINGS)) / 60
+
+    def recorded(self) -> dict[str, Any]:
+        """Where what it trained comes from."""
+        record = RunFolder(self.folder).record
+        about = {"seeds": self.settings.seeds, "settings": dataclasses.asdict(self.settings)}
+        return about | {name: record.get(name) for name in ("versions", "commit")}
 
 
 def trainings(plan: TrainingPlan, out: Path) -> list[Training]:

@@ -75,6 +75,7 @@ class Study(NamedTuple):
             shutil.rmtree(left, ignore_errors=True)
         with tempfile.TemporaryDirectory(prefix=WRITING, dir=out, ignore_cleanup_errors=True) as name:
             staged = Path(name)
+            (staged / FIGURES).mkdir()
             _write(self.write(plan, planned, found, staged), plan, planned, staged)
             if publish is not None:
                 self.put_in_place(staged, publish, without=zoo.FOLDER)

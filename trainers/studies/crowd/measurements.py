@@ -34,8 +34,6 @@ from trainers.studies.estimates import Estimate, estimate
 from trainers.studies.plan import Training
 from trainers.studies.stacks import Trained, arrays_of, stacks_of
 from trainers.studies.study import Packed, do_once, kept_in
-from trainers.training import run_folder as runs
-from trainers.training.run_folder import RunFolder
 
 VERDICTS = {REPRODUCED: "yes", NOT_REPRODUCED: "not shown", REVERSED: "no"}
 LATER = 0.5  # part of a film's decisions after which order is measured
@@ -199,7 +197,7 @@ def find(plan: CrowdPlan, planned: Sequence[Training], out: Path) -> CrowdFindin
     alone = plan.world(CROWD).replace(medium=None)
     cells = max(cells for cells, _ in plan.crowds)
     bound = limit(alone, draw_starts(alone, cells, plan.seed))
-    return CrowdFindings(plan, samples, claims, trained, bound, minutes(planned))
+    return CrowdFindings(plan, samples, claims, trained, bound, {each.name: each.minutes for each in planned})
 
 
 def work(point: Point) -> float:
@@ -213,8 +211,3 @@ def work(point: Point) -> float:
         FILM: 300.0,
     }
     return policies * point.world.max_decisions * point.worlds * decision[point.experiment]
-
-
-def minutes(planned: Sequence[Training]) -> dict[str, float]:
-    rows = {each.name: RunFolder(each.folder).rows(runs.TIMINGS) for each in planned}
-    return {name: sum(float(row["seconds"]) for row in each) / 60 for name, each in rows.items()}

@@ -1,6 +1,5 @@
 """The report on crowds: verdicts, tables, figures and words, every number of which was just measured."""
 
-import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -27,7 +26,6 @@ from trainers.studies.estimates import (
 )
 from trainers.studies.plan import Training
 from trainers.studies.study import FIGURES, Contents, Study
-from trainers.training.run_folder import RunFolder
 
 VERDICTS_FILE, RESULTS = "verdicts.json", "results.csv"
 TITLES = {
@@ -198,7 +196,6 @@ def _costs(found: CrowdFindings) -> list[str]:
 
 def draw(samples: Samples, folder: Path) -> list[str]:
     """Draw the figure of every experiment that was measured; their names."""
-    (folder / FIGURES).mkdir(parents=True, exist_ok=True)
     drawn = [experiment for experiment in PANELS if places(samples, experiment)]
     for experiment in drawn:
         figure = figures.sweeps(list(_sweeps(samples, experiment)))
@@ -254,15 +251,10 @@ def write(plan: CrowdPlan, planned: Sequence[Training], found: CrowdFindings, fo
         tested = {name: float(values[chosen].mean()) for name, values in sample.numbers.items()}
         told = tested | {"test": where, "seed": plan.seed}
         zoo.put(folder / zoo.FOLDER, trained, told)
-    about = {
-        each.name: {"seeds": each.settings.seeds, "settings": dataclasses.asdict(each.settings)}
-        | {name: RunFolder(each.folder).record.get(name) for name in ("versions", "commit")}
-        for each in planned
-    }
     return Contents(
         {RESULTS: [row for experiment in drawn for row in rows(found, experiment)]},
         text(found, drawn),
-        {"trainings": about},
+        {"trainings": {each.name: each.recorded() for each in planned}},
         {VERDICTS_FILE: found.claims},
     )
 

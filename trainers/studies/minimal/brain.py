@@ -130,13 +130,9 @@ def gains(world: World, brains: Brains, starts: Starts, seed: int, *, population
     own = starts.position.ndim == 3
     cells, found = starts.position.shape[-2], []
     for block in np.array_split(np.arange(len(brains)), -(-len(brains) * cells // CELLS)):
-        begun = type(starts)(
-            *(part[block] if own else np.broadcast_to(part, (len(block), *part.shape)) for part in starts)
-        )
-        lived = rollout(
-            world, brains[block], begun, seed, population=population, episode=np.zeros(len(block), int)
-        )
-        for moment in lived:
+        parts = (part[block] if own else np.broadcast_to(part, (len(block), *part.shape)) for part in starts)
+        begun, episode = Starts(*parts), np.zeros(len(block), int)
+        for moment in rollout(world, brains[block], begun, seed, population=population, episode=episode):
             outcome = moment.outcome
         assert outcome is not None, "a life has a decision at least"
         found.append(np.asarray(outcome.gain))

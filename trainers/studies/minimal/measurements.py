@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm._support import provenance
+from swarm._support.streams import Population
 from swarm.optimal.physical_limit import limit
 from swarm.physics.starts import draw_starts
 from swarm.policies.network import Network
@@ -36,6 +37,7 @@ METHODS = {
     MACHINE: "two-state machine",
 }
 LEVELS = (0.95, 0.99)  # of the limit
+POPULATIONS: tuple[Population, ...] = ("test", "validation")
 MOST_OF_NEAT = 24  # parameters
 
 
@@ -112,7 +114,7 @@ def rungs(method: str, case: str, plan: MinimalPlan, networks: Networks) -> list
 def _grown(case: str, plan: MinimalPlan) -> Iterator[Rung]:
     """NEAT's: for each size the brain of every seed that validation prefers among those not larger."""
     found = [neuroevolution.champions(plan.training_world(case), plan, seed) for seed in range(plan.n_seeds)]
-    validated = [validation_gains(case, plan, brains) for brains in found]
+    validated = [lived(case, plan, brains, "validation").mean(axis=1) for brains in found]
     before: tuple[int, ...] = ()
     for most in range(max(int(each.parameters.min()) for each in found), MOST_OF_NEAT + 1):
         chosen = tuple(
@@ -125,27 +127,26 @@ def _grown(case: str, plan: MinimalPlan) -> Iterator[Rung]:
         before = chosen
 
 
-def validation_gains(case: str, plan: MinimalPlan, brains: Brains) -> np.ndarray:
-    """Mean gains (brains,) of the validation cells."""
+def lived(case: str, plan: MinimalPlan, brains: Brains, population: Population) -> np.ndarray:
+    """Gains (brains, cells) of the cells of validation or of the test."""
     world = plan.test_world(case)
-    starts = draw_starts(world, plan.cells, plan.seed, population="validation")
-    return gains(world, brains, starts, plan.seed, population="validation").mean(axis=1)
+    starts = draw_starts(world, plan.cells, plan.seed, population=population)
+    return gains(world, brains, starts, plan.seed, population=population)
 
 
 def measure(case: str, plan: MinimalPlan, found: Sequence[Rung]) -> CaseFindings:
     world = plan.test_world(case)
-    starts = draw_starts(world, plan.cells, plan.seed)
+    starts = [draw_starts(world, plan.cells, plan.seed, population=each) for each in POPULATIONS]
     measured = [
         Measured(
             each,
-            validation_gains(case, plan, each.brains),
-            gains(world, each.brains, starts, plan.seed, population="test"),
+            lived(case, plan, each.brains, "validation").mean(axis=1),
+            lived(case, plan, each.brains, "test"),
         )
         for each in found
     ]
-    greedy = lives(world, Greedy(), starts, plan.seed, name=RIVAL, population="test")["gain"]
-    others = limit(world, draw_starts(world, plan.cells, plan.seed, population="validation"))
-    bound = limit(world, starts)
+    greedy = lives(world, Greedy(), starts[0], plan.seed, name=RIVAL, population="test")["gain"]
+    bound, others = (limit(world, each) for each in starts)
     assert bound is not None, "the plan asks for worlds with a limit"
     assert others is not None, "validation is in the same world"
     return CaseFindings(measured, bound, others, greedy, ATTAINABLE.get(case))

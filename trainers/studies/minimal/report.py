@@ -10,10 +10,9 @@ import numpy as np
 from swarm import figures
 from swarm._support.tables import Table, percent
 from swarm.figures import style
-from swarm.physics.starts import draw_starts
 from trainers.studies.estimates import estimate, filled, percent_of, printed_by
 from trainers.studies.minimal import drawing
-from trainers.studies.minimal.brain import Brains, gains
+from trainers.studies.minimal.brain import Brains
 from trainers.studies.minimal.measurements import (
     LEVELS,
     MACHINE,
@@ -24,7 +23,7 @@ from trainers.studies.minimal.measurements import (
     Findings,
     Measured,
     find,
-    validation_gains,
+    lived,
 )
 from trainers.studies.minimal.plan import DQN, EVOLUTION, MinimalPlan
 from trainers.studies.minimal.tables import Tabulated
@@ -176,7 +175,6 @@ def _tabulated(plan: MinimalPlan, tables: Sequence[Tabulated]) -> Table:
 
 
 def draw(found: Mapping[str, CaseFindings], folder: Path) -> None:
-    (folder / FIGURES).mkdir(parents=True, exist_ok=True)
     with style.in_style():
         figure = style.canvas(1.0, 0.5 if len(found) < 3 else 0.4)
         panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
@@ -244,12 +242,9 @@ def chosen(case: str, plan: MinimalPlan, found: CaseFindings) -> Drawn:
     exact = source.rung.brains[seed : seed + 1]
     for digits in range(1, 7):
         brain = drawing.rounded(exact, digits)
-        if validation_gains(case, plan, brain)[0] >= (1 - ROUNDING) * source.validation[seed]:
+        if lived(case, plan, brain, "validation").mean() >= (1 - ROUNDING) * source.validation[seed]:
             break
-    world = plan.test_world(case)
-    starts = draw_starts(world, plan.cells, plan.seed)
-    gain = float(gains(world, brain, starts, plan.seed, population="test").mean())
-    return Drawn(source, seed, digits, brain, gain)
+    return Drawn(source, seed, digits, brain, float(lived(case, plan, brain, "test").mean()))
 
 
 def write(plan: MinimalPlan, planned: Sequence[Training], found: Findings, folder: Path) -> Contents:

@@ -57,15 +57,18 @@ def fitness_of(
     world: World, brains: Brains, n_seeds: int, plan: MinimalPlan, stage: int, generation: int
 ) -> np.ndarray:
     """Mean gain (brains,) of training cells, the same for the brains of a seed, which stand together."""
-    begun = [
-        draw_starts(
-            world, plan.fitness_cells, seed, population="training", episode=1000 * (stage + 1) + generation
-        )
+    begun = training_starts(world, plan, n_seeds, 1000 * (stage + 1) + generation)
+    starts = Starts(*(np.repeat(part, len(brains) // n_seeds, axis=0) for part in begun))
+    return gains(world, brains, starts, stage, population="training").mean(axis=1)
+
+
+def training_starts(world: World, plan: MinimalPlan, n_seeds: int, episode: int) -> Starts:
+    """Of the cells (seeds, cells, …) whose mean gain is a fitness."""
+    drawn = [
+        draw_starts(world, plan.fitness_cells, seed, population="training", episode=episode)
         for seed in range(n_seeds)
     ]
-    each = len(brains) // n_seeds
-    starts = type(begun[0])(*(np.repeat(np.stack(parts), each, axis=0) for parts in zip(*begun, strict=True)))
-    return gains(world, brains, Starts(*starts), stage, population="training").mean(axis=1)
+    return Starts(*map(np.stack, zip(*drawn, strict=True)))
 
 
 def without_smallest(brains: Brains, left: int) -> Brains:

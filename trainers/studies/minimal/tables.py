@@ -16,6 +16,7 @@ from swarm.physics.starts import Starts, draw_starts
 from swarm.physics.world import State, World
 from swarm.population.rollout import Moment, rollout
 from trainers.studies.minimal.plan import MinimalPlan
+from trainers.studies.minimal.search import training_starts
 
 REACH = 1.2  # of c* that bins divide, about what it swings by
 ROUNDS = 4  # of lives that a table is filled from
@@ -74,11 +75,9 @@ def _filled(world: World, bins: int, plan: MinimalPlan) -> LookupTables:
     policy: Optimal | LookupTables = optimal
     rows = np.arange(plan.n_seeds)[:, None]
     for episode in range(ROUNDS + 1):
-        where: dict[str, Any] = {"population": "training", "episode": 1000 * STAGE + episode}
-        drawn = [draw_starts(world, plan.fitness_cells, seed, **where) for seed in range(plan.n_seeds)]
-        starts = Starts(*map(np.stack, zip(*drawn, strict=True)))
-        where["episode"] = np.full(plan.n_seeds, episode)
-        for moment in rollout(world, policy, starts, STAGE, **where):
+        starts = training_starts(world, plan, plan.n_seeds, 1000 * STAGE + episode)
+        episodes = np.full(plan.n_seeds, episode)
+        for moment in rollout(world, policy, starts, STAGE, population="training", episode=episodes):
             if not moment.state.finished.all():
                 low, high = optimal.scores(world, moment.state)
                 np.add.at(sums, (rows, best.place(world, moment.state)), high - low)

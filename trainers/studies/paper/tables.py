@@ -1,6 +1,5 @@
 """What a reproduction keeps as data: tables, lives of every cell, and where all of it comes from."""
 
-import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,8 +13,6 @@ from trainers.studies.estimates import Row, columns, estimate
 from trainers.studies.paper.measurements import MEASURES, Case, Findings, Measured
 from trainers.studies.paper.plan import VORTICES
 from trainers.studies.stacks import Key, Stack
-from trainers.training import run_folder as runs
-from trainers.training.run_folder import RunFolder
 
 # Gains of the networks that the paper's authors published (github.com/mokchie/chemotaxis, v0saved_model of
 # commit 2f750d9), replayed in this model on the plan's own test cells: mean and standard deviation over them.
@@ -104,9 +101,8 @@ def seed_rows(found: Findings) -> Iterator[Row]:
 def training_rows(found: Findings) -> Iterator[Row]:
     """A row for every run: what it cost."""
     for each in found.planned:
-        run, learning = RunFolder(each.folder), each.settings.learning
+        learning = each.settings.learning
         own = each.run.startswith(f"{each.recipe}/{each.experiment}")
-        minutes = sum(float(row["seconds"]) for row in run.rows(runs.TIMINGS)) / 60
         yield {
             "training": f"{each.recipe} {each.experiment}",
             "seeds": each.settings.n_seeds,
@@ -115,8 +111,8 @@ def training_rows(found: Findings) -> Iterator[Row]:
             "γ": f"{learning.discount:g}",
             "life": f"{each.settings.training_world().life:g}",
             "epochs": learning.epochs,
-            "minutes, all seeds at once": f"{minutes:.1f}" if own else f"the run of {each.run}",
-            "commit": run.record.get("commit") or "unknown",
+            "minutes, all seeds at once": f"{each.minutes:.1f}" if own else f"the run of {each.run}",
+            "commit": each.recorded()["commit"] or "unknown",
         }
 
 
@@ -124,12 +120,7 @@ def where_from(found: Findings) -> dict[str, list[dict[str, Any]]]:
     """Versions, commits and settings of every training's runs."""
     trained: dict[str, list[dict[str, Any]]] = {}
     for each in found.planned:
-        about: dict[str, Any] = {
-            "run": each.run,
-            "seeds": each.settings.seeds,
-            "settings": dataclasses.asdict(each.settings),
-        }
-        about |= {name: RunFolder(each.folder).record.get(name) for name in ("versions", "commit")}
+        about = {"run": each.run, **each.recorded()}
         trained.setdefault(f"{each.recipe}/{each.experiment}", []).append(about)
     for stack in [stack for case in found.tests for stack in case.stacks if not found.planned]:
         about = {name: stack.choice.card.get(name) for name in ("settings", "versions", "commit")}

@@ -66,30 +66,26 @@ def fractions(found: Mapping[str, WorldFindings]) -> Table:
 
 def overview(found: Mapping[str, WorldFindings]) -> Table:
     """What part of the limit, or where none is known how many arrive, or else what is gained."""
-    kinds = {
-        name: "" if each.possible is not None else ", gain" if each.world.egg is None else ", arrived"
-        for name, each in found.items()
-    }
 
-    def cell(name: str, strategy: str) -> str | None:
-        each = found[name]
-        number = each.gain(strategy)
-        if kinds[name] == ", gain":
-            return number and f"{number.value:.2f} ± {half(number, 2)}"
-        return percent_of(each.arrived(strategy) if kinds[name] else each.fraction(strategy))
+    def cell(each: WorldFindings, strategy: str) -> str | None:
+        if each.possible is not None:
+            return percent_of(each.fraction(strategy))
+        return _gain(each, strategy) if each.world.egg is None else percent_of(each.arrived(strategy))
 
-    return Table.of(
-        {"strategy": label} | {name + kind: cell(name, strategy) for name, kind in kinds.items()}
-        for strategy, label in STRATEGIES.items()
-    )
+    def heading(name: str, each: WorldFindings) -> str:
+        instead = ", gain" if each.world.egg is None else ", arrived"
+        return name if each.possible is not None else name + instead
+
+    return Table.of(_table({heading(name, each): each for name, each in found.items()}, cell))
+
+
+def _gain(found: WorldFindings, strategy: str) -> str | None:
+    number = found.gain(strategy)
+    return number and f"{number.value:.2f} ± {half(number, 2)}"
 
 
 def _gains(found: Mapping[str, WorldFindings]) -> Table:
-    def gain(each: WorldFindings, strategy: str) -> str | None:
-        number = each.gain(strategy)
-        return number and f"{number.value:.2f} ± {half(number, 2)}"
-
-    table = _table(found, gain)
+    table = _table(found, _gain)
     for label, field in ((LIMIT, "possible"), (ANY, "any_curvature")):
         limits = {name: getattr(each, field) for name, each in found.items()}
         told = {name: None if most is None else f"{most.mean():.2f}" for name, most in limits.items()}
@@ -127,7 +123,6 @@ def _reasons(found: Mapping[str, WorldFindings]) -> list[str]:
 
 
 def draw(found: Mapping[str, WorldFindings], folder: Path) -> None:
-    (folder / FIGURES).mkdir(parents=True, exist_ok=True)
     columns = min(PANELS, len(found))
     lines = -(-len(found) // columns)
     with style.in_style():
