@@ -23,6 +23,7 @@ from trainers.studies.paper.report import STUDY
 from trainers.studies.plan import trainings
 from trainers.studies.study import RECORD, REPORT
 from trainers.studies.zoo import ship
+from trainers.training import run as running
 from trainers.training import validation as validating
 from trainers.training.run_folder import RunError, RunFolder
 
@@ -52,6 +53,7 @@ def sparing():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "save", save)
+        patch.setattr(running, "draw", lambda training, run: None)  # of each training
         patch.setattr(optimal, "limit_details", details)
         patch.setattr(optimal, "limit", limit)
         patch.setattr(validating, "limit", limit)
@@ -193,6 +195,9 @@ def test_seeds_are_added_to_those_that_are_there(done, begun):
     before = next(claim for claim in done.claims if (claim.id, claim.recipe) == (beats.id, "paper"))
     assert beats.by_seed["linear_n2/dqn"][:2] == before.by_seed["linear_n2/dqn"]
     assert RunFolder.open(begun / "runs/paper/linear_n2-from-2")[1]["seed"] == 2
+    planned = trainings(dataclasses.replace(SMALL, n_seeds=3), begun)
+    assert [len(policies) for policies in stacks.all_policies(planned).values()] == [3]
+    assert [each.name for each in planned] == ["linear_n2", "linear_n2-from-2"]
     assert [row["seeds"] for row in rows(begun / "results.csv") if row["policy"] == "dqn"] == ["3"]
     stored = json.loads((begun / "reproduction.json").read_text())["trainings"]["paper/linear_n2"]
     assert [each["seeds"] for each in stored] == [[0, 1], [2]]
