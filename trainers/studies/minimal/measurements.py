@@ -69,13 +69,8 @@ class CaseFindings(NamedTuple):
 
     def by_size(self, method: str) -> list[Measured]:
         """A method's rungs, of those of the same size the one that validation prefers, by size."""
-        best: dict[int, Measured] = {}
-        for each in self.measured:
-            size = each.rung.parameters
-            if each.rung.method == method and (
-                size not in best or each.validation.mean() > best[size].validation.mean()
-            ):
-                best[size] = each
+        mine = [each for each in self.measured[::-1] if each.rung.method == method]  # of equals the first
+        best = {each.rung.parameters: each for each in sorted(mine, key=lambda each: each.validation.mean())}
         return [best[size] for size in sorted(best)]
 
     def smallest(self, method: str, level: float) -> Measured | None:

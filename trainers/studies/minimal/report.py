@@ -193,10 +193,9 @@ def _panel(axes: Any, found: CaseFindings) -> None:
     for method, label in METHODS.items():
         rows = found.by_size(method)
         if method == PRUNED:  # of networks of all widths
+            means = [each.validation.mean() for each in rows]
             rows = [
-                each
-                for place, each in enumerate(rows)
-                if all(each.validation.mean() > smaller.validation.mean() for smaller in rows[:place])
+                each for place, each in enumerate(rows) if means[place] > max(means[:place], default=-np.inf)
             ]
         if not rows:
             continue

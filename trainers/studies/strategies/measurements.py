@@ -92,14 +92,10 @@ def measure(
             why[strategy] = str(error)
             continue
         found[strategy] = _lived(where, players, starts, plan.seed, strategy)
-    most: dict[str, np.ndarray] = {}
-    for limited, where in ((LIMIT, world), (ANY, continuous)):
-        gains = where if isinstance(where, str) else possible(where, starts)
-        if isinstance(gains, str):
-            why[limited] = gains
-        else:
-            most[limited] = gains
-    return WorldFindings(world, found, most.get(LIMIT), most.get(ANY), why)
+    most = {LIMIT: possible(world, starts), ANY: possible(continuous, starts)}
+    why |= {name: reason for name, reason in most.items() if isinstance(reason, str)}
+    two, free = (None if isinstance(each, str) else each for each in most.values())
+    return WorldFindings(world, found, two, free, why)
 
 
 def _lived(world: World, players: Sequence[AnyPolicy], starts: Starts, seed: int, name: str) -> Lived:
@@ -107,10 +103,12 @@ def _lived(world: World, players: Sequence[AnyPolicy], starts: Starts, seed: int
     return Lived(*(np.stack([row[key] for row in rows]) for key in Lived._fields))
 
 
-def possible(world: World, starts: Starts) -> np.ndarray | str:
+def possible(world: World | str, starts: Starts) -> np.ndarray | str:
     """The largest gain (cells,) of these starts, their mean that of the extrapolated limit; or why there is
-    none [concentration].
+    none, or no such world [concentration].
     """
+    if isinstance(world, str):
+        return world
     cells, mean = bound(world, starts), limit(world, starts)
     if cells is None or mean is None:
         return f"the limit needs {why_no_limit(world)}"
