@@ -7,7 +7,6 @@ DQN and puts the policy that validation prefers among its seeds into swarm/zoo, 
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -20,11 +19,10 @@ from swarm.policies.policy import AnyPolicy
 from swarm.policies.strategies import Random, Swinging
 from swarm.population.contest import population_test
 from swarm.population.statistics import fraction_of_limit
-from trainers.paper import zoo
-from trainers.paper.measurements import Stack
-from trainers.paper.stacks import curve_of
 from trainers.settings.composition import settings_from
 from trainers.settings.schema import Settings
+from trainers.studies import zoo
+from trainers.studies.stacks import Stack, Trained, curve_of
 from trainers.training.loop import Training
 
 EXPERIMENT, CELLS, SEEDS = "space", 40, 5
@@ -96,7 +94,7 @@ def ship(training: Training) -> None:
     }
     names = ("gain", "fraction_of_limit", "training_gain")
     curve = curve_of({name: training.measure(name).T for name in names}, settings, training.seeds)
-    zoo.put(zoo.SHIPPED, stack, dataclasses.asdict(settings), told, curve)
+    zoo.put(zoo.SHIPPED, Trained(stack, curve, settings), told)
 
 
 if __name__ == "__main__":

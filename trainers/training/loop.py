@@ -202,7 +202,13 @@ class Validation:
     """
 
     def __init__(
-        self, world: World, cells: int, seeds: list[int], device: torch.device | None = None, *, worlds: int = 1
+        self,
+        world: World,
+        cells: int,
+        seeds: list[int],
+        device: torch.device | None = None,
+        *,
+        worlds: int = 1,
     ) -> None:
         self.world, self.cells, self.worlds, self.seeds = world, cells, worlds, seeds
         words: dict[str, Any] = {"n_swimmers": cells, "seeds": seeds, "population": "validation"}
