@@ -14,7 +14,7 @@ except ModuleNotFoundError:
         "swarm.envs.stable_baselines3 needs Stable-Baselines3: pip install stable-baselines3"
     ) from None
 
-from swarm.envs.arena import RENDER_FPS, with_parameters
+from swarm.envs.face import RENDER_FPS, with_parameters
 from swarm.envs.gymnasium import SpermSwarmVector
 from swarm.physics.world import World
 

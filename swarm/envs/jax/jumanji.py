@@ -15,8 +15,8 @@ import numpy as np
 from jumanji import Environment, specs
 from jumanji.types import StepType, TimeStep, restart
 
-from swarm.envs.arena import told
 from swarm.envs.jax.env import EnvState, JaxSwarmEnv
+from swarm.envs.spaces import told
 
 Array = Any
 
