@@ -101,7 +101,8 @@ class SpermSwarmVector(Watched, VectorEnv):
         given, over = np.asarray(actions), self._done
         if self.world.is_continuous and given.dtype.kind in "iu":
             given = given.astype(self.arena.dtype)
-        action = np.where(over, self.arena.action, checked(self.world, given, (self.num_envs,)))
+        chosen = checked(self.world, given, (self.num_envs,))
+        action = np.where(self.arena.state.finished, self.arena.action, chosen)
         if over.any() and self.autoreset_mode is AutoresetMode.DISABLED:
             names = ", ".join(f"swimmer_{i}" for i in np.flatnonzero(over)[:3])
             raise RuntimeError(f"step: the lives of {names} are over; call reset with options['reset_mask']")

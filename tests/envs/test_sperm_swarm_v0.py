@@ -6,10 +6,9 @@ import itertools
 import pickle
 
 import numpy as np
-import pettingzoo
 import pytest
 from gymnasium.spaces import Box, Discrete
-from pettingzoo.utils import aec_to_parallel
+from pettingzoo.utils import aec_to_parallel, wrappers
 
 import swarm
 from swarm import sperm_swarm_v0
@@ -54,6 +53,7 @@ def snapshot(env):
 
 
 def test_the_arguments_are_those_that_were_promised():
+    assert swarm.parallel_env is sperm_swarm_v0.parallel_env
     promised = {
         "n_swimmers": 40,
         "n_records": 4,
@@ -92,17 +92,6 @@ def test_the_arguments_are_those_that_were_promised():
         parameters = inspect.signature(make).parameters
         assert {name: item.default for name, item in parameters.items()} == promised
         assert list(parameters) == list(promised)
-
-
-def test_swarm_parallel_env_is_the_same_function():
-    assert swarm.parallel_env is sperm_swarm_v0.parallel_env
-
-
-@pytest.mark.skipif(not hasattr(pettingzoo, "make"), reason="PettingZoo has a registry from 1.27 on")
-@pytest.mark.parametrize("kind", ["parallel", "aec"])
-def test_it_is_registered_with_pettingzoo(kind):
-    env = pettingzoo.make(kind, "chemoswarm/sperm_swarm_v0", n_swimmers=3)
-    assert env.possible_agents == ["swimmer_0", "swimmer_1", "swimmer_2"]
 
 
 def test_agents_are_named_swimmers_and_have_a_space_each(env):
@@ -283,45 +272,6 @@ def begun(**settings):
     return env
 
 
-BAD_ACTIONS = {
-    "too large": ({"swimmer_1": 2}, ValueError, "swimmer_1 must be a whole number from 0 to 1, got 2"),
-    "negative": ({"swimmer_1": -1}, ValueError, "swimmer_1 must be a whole number from 0 to 1, got -1"),
-    "enormous": ({"swimmer_1": 2**70}, ValueError, "swimmer_1 must be a whole number"),
-    "beyond a byte": ({"swimmer_2": 256}, ValueError, "swimmer_2 must be a whole number .*, got 256"),
-    "a float": ({"swimmer_1": 1.0}, TypeError, r"swimmer_1 must be a whole number from 0 to 1, got 1\.0"),
-    "NaN": ({"swimmer_0": float("nan")}, TypeError, "swimmer_0 must be a whole number from 0 to 1, got nan"),
-    "an array": ({"swimmer_0": np.array([1])}, TypeError, r"swimmer_0 must .* got array\(\[1\]\)"),
-    "nothing": ({"swimmer_0": None}, TypeError, "swimmer_0 must be a whole number from 0 to 1, got None"),
-    "unknown agent": ({"swimmer_3": 0}, ValueError, "for swimmer_0 to swimmer_2, got one for 'swimmer_3'"),
-}
-
-
-@pytest.mark.parametrize("case", BAD_ACTIONS)
-def test_a_bad_action_is_told_and_changes_nothing(case):
-    wrong, error, message = BAD_ACTIONS[case]
-    env = begun()
-    before = snapshot(env)
-    with pytest.raises(error, match=message):
-        env.step(constant(env) | wrong)
-    assert snapshot(env) == before
-
-
-@pytest.mark.parametrize(
-    ("actions", "error", "message"),
-    [
-        ({}, ValueError, "got none for swimmer_0, swimmer_1, swimmer_2"),
-        ({"swimmer_0": 0, "swimmer_2": 1}, ValueError, "for every agent in `agents`, got none for swimmer_1"),
-        ([0, 1, 0], TypeError, r"actions must be a dictionary from agents to actions, got \[0, 1, 0\]"),
-    ],
-)
-def test_actions_for_others_than_the_agents_are_told_and_change_nothing(actions, error, message):
-    env = begun()
-    before = snapshot(env)
-    with pytest.raises(error, match=message):
-        env.step(actions)
-    assert snapshot(env) == before
-
-
 @pytest.mark.parametrize("kind", [int, np.int64, np.int32, np.uint8, np.array])
 def test_whole_numbers_of_any_kind_are_actions(kind):
     env, plain = begun(), begun()
@@ -337,13 +287,6 @@ def test_more_curvatures_than_a_byte_holds_can_be_chosen_from():
     assert env.state()[0, 3] == 5.0
     with pytest.raises(ValueError, match="swimmer_0 must be a whole number from 0 to 300, got 301"):
         env.step({"swimmer_0": 301})
-
-
-def test_nothing_is_possible_before_the_first_reset():
-    env = parallel_env(2)
-    for call in (lambda: env.step({}), env.state, env.render):
-        with pytest.raises(RuntimeError, match="reset must be called first"):
-            call()
 
 
 @pytest.mark.parametrize("actions", [{}, {"swimmer_0": 1}, {"swimmer_0": "whatever", "swimmer_1": None}])
@@ -417,88 +360,6 @@ def test_whatever_attribute_mpe2_offers_is_there_without_a_warning(kind):
     assert set(attributes(theirs)) <= MPE2 | IN_TURNS | ITS_OWN
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "message"),
-    [
-        ({"position": np.zeros((2, 2))}, ValueError, r"finite numbers of shape \(3, 2\), got shape \(2, 2\)"),
-        ({"heading": np.zeros((3, 1))}, ValueError, r"finite numbers of shape \(3,\), got shape \(3, 1\)"),
-        ({"heading": [0.0, np.nan, 1.0]}, ValueError, r"\['heading'\] must be .*, got nan for swimmer_1"),
-        ({"position": "here"}, TypeError, r"\['position'\] must be finite numbers .*, got 'here'"),
-        ({"position": [[1, 2], [3]]}, TypeError, r"\['position'\] must be finite numbers of shape \(3, 2\)"),
-        ({"heading": [True, False, True]}, TypeError, r"\['heading'\] must be finite numbers"),
-    ],
-)
-def test_bad_poses_are_told_and_change_nothing(options, error, message):
-    env = begun()
-    before = snapshot(env)
-    with pytest.raises(error, match=message):
-        env.reset(seed=9, options=options)
-    assert snapshot(env) == before
-
-
-@pytest.mark.parametrize(("seed", "error"), [(-1, ValueError), (1.5, TypeError)])
-def test_a_bad_seed_is_told_and_changes_nothing(seed, error):
-    env = begun()
-    before = snapshot(env)
-    with pytest.raises(error, match="seed must"):
-        env.reset(seed=seed)
-    assert snapshot(env) == before
-
-
-class Field:
-    """A field that is not a number above a height."""
-
-    gradient_scale = 1.0
-
-    ceiling = np.inf
-
-    def concentration(self, position):
-        y = position[..., 1]
-        return np.where(y > self.ceiling, np.nan, y)
-
-
-def snapshot_of_lambdas(env):
-    return pickle.dumps((env.agents, env.state(), env.arena.state, env.arena.episode, env.arena.seeds))
-
-
-def test_a_field_that_gives_nan_names_the_cell_and_changes_nothing():
-    field = Field()
-    env = parallel_env(3, field=field)
-    env.reset(seed=0, options={"position": [(0.0, 0.0), (3.0, 4.99), (0.0, 0.0)], "heading": [np.pi / 2] * 3})
-    field.ceiling = 5.0
-    before = snapshot_of_lambdas(env)
-    with pytest.raises(
-        ValueError, match=r"finite .* got concentration nan for swimmer_1 at \(2\.\d+, 5\.\d+\)"
-    ):
-        env.step(constant(env))
-    assert snapshot_of_lambdas(env) == before
-    with pytest.raises(ValueError, match="for cell 2"):
-        env.reset(options={"position": [(0.0, 0.0), (0.0, 0.0), (0.0, 7.0)]})
-    assert snapshot_of_lambdas(env) == before
-
-
-def test_huge_numbers_that_are_finite_are_no_error():
-    env = parallel_env(2, dtype="float64")
-    env.reset(seed=0, options={"position": np.full((2, 2), 1e200)})
-    env.step(constant(env))
-    assert np.isfinite(env.state()).all()
-
-
-@pytest.mark.parametrize(
-    ("wrong", "error", "message"),
-    [
-        ({"n_swimmers": 0}, ValueError, "n_swimmers must be a whole number of at least 1, got 0"),
-        ({"max_cycles": 0}, ValueError, "max_cycles must be a whole number of at least 1, got 0"),
-        ({"render_mode": "rgb"}, ValueError, "render_mode must be .*, rgb_array, got 'rgb'; did you mean"),
-        ({"dtype": "float16"}, ValueError, "dtype must be .* float32, float64, got 'float16'; did you mean"),
-        ({"field": "lineer"}, ValueError, "field must be one of .* did you mean 'linear'"),
-    ],
-)
-def test_wrong_parameters_are_told(wrong, error, message):
-    with pytest.raises(error, match=message):
-        parallel_env(**wrong)
-
-
 @pytest.mark.parametrize("make", [sperm_swarm_v0.env, sperm_swarm_v0.raw_env])
 @pytest.mark.parametrize("name", PATHS)
 def test_agents_that_act_in_turn_live_the_same_lives(make, name):
@@ -567,3 +428,10 @@ def test_returned_arrays_belong_to_the_caller():
         np.testing.assert_array_equal(observations["swimmer_1"], expected["swimmer_1"])
         observations["swimmer_0"][:] = 7
     np.testing.assert_array_equal(env.state(), plain.state())
+
+
+def test_what_a_wrapper_adds_to_one_environment_s_metadata_no_other_has():
+    wrappers.CaptureStdoutWrapper(sperm_swarm_v0.raw_env(2, render_mode="human"))
+    assert parallel_env(2).metadata["render_modes"] == ["human", "rgb_array"]
+    with pytest.raises(ValueError, match="render_mode must be one of human, rgb_array, got 'ansi'"):
+        parallel_env(2, render_mode="ansi")

@@ -85,6 +85,7 @@ class SwarmEnv(Worlds, EnvBase):
         specs = specs_of(self.world, shape, self._place, return_state)
         self.observation_spec, self.action_spec, self.reward_spec, self.done_spec = specs
         self._terminated = torch.zeros(*shape, 1, dtype=torch.bool, device=self._place)
+        self._last: Any = 0  # actions (worlds, cells)
         self._viewers: dict[tuple[str, int], Any] = {}
 
     # --- what multi-agent code reads ------------------------------------------------------------------------
@@ -143,6 +144,8 @@ class SwarmEnv(Worlds, EnvBase):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         action = checked(self.world, tensordict[GROUP, "action"], (self.n_worlds, self.n_swimmers))
+        if self.return_state:  # in which those who have finished keep their last curvature
+            action = self._last = torch.where(self._tensor(self._begun.finished), self._last, action)
         result, gain = self._advance(action)
         if self.world.egg is not None:
             self._terminated = self._terminated | result.terminated[..., None]
