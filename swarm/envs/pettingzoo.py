@@ -81,15 +81,8 @@ def env(*args: Any, **kwargs: Any) -> AECEnv:
 class InTurns(parallel_to_aec_wrapper):
     """PettingZoo's conversion, with whatever else the parallel environment has: `world`, `np_random`, …"""
 
-    @property
-    def observation_spaces(self) -> dict[str, Box]:
-        """Every agent's observation space."""
-        return self.env.observation_spaces
-
-    @property
-    def action_spaces(self) -> dict[str, Discrete | Box]:
-        """Every agent's action space."""
-        return self.env.action_spaces
+    observation_spaces = property(lambda self: self.env.observation_spaces)
+    action_spaces = property(lambda self: self.env.action_spaces)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name == "env":
@@ -119,7 +112,7 @@ class SpermSwarm(Watched, ParallelEnv):
         self._live: np.ndarray | None = None  # rows of `agents`; None while nobody has finished
         self.steps = 0  # decisions since the last reset
         self._spaces: dict[Any, Any] = {}  # of the agents that were asked for
-        self._np_random: np.random.Generator | None = None
+        self.np_random = np.random.default_rng()  # for wrappers and users; nothing here draws from it
         low, high = np.nan_to_num(np.array(state_bounds(world), self.arena.dtype))
         cells = self.arena.n_swimmers, 1
         self.state_space = Box(np.tile(low, cells), np.tile(high, cells), dtype=self.arena.dtype)
@@ -155,13 +148,6 @@ class SpermSwarm(Watched, ParallelEnv):
             raise ValueError(f"agent must be one of {self._known}, got {agent!r}")
         return self._index[agent]
 
-    @property
-    def np_random(self) -> np.random.Generator:
-        """A generator for wrappers and for users, begun by a reset's seed; nothing here draws from it."""
-        if self._np_random is None:
-            self._np_random = np.random.default_rng()
-        return self._np_random
-
     # --- episodes ---
 
     def reset(
@@ -173,11 +159,9 @@ class SpermSwarm(Watched, ParallelEnv):
         `options["position"]` (N, 2) [length] and `options["heading"]` (N,) [rad], in space (N, 3) and unit
         quaternions (N, 4), set poses, inside the start box or not; other options are ignored.
         """
+        observation = self.arena.reset(None if seed is None else streams.check_seed(seed), options)
         if seed is not None:
-            seed = streams.check_seed(seed)
-        observation = self.arena.reset(seed, options)
-        if seed is not None or self._np_random is None:
-            self._np_random = np.random.default_rng(self.arena.seeds[0])
+            self.np_random = np.random.default_rng(seed)
         self.agents, self._live, self.steps = self.possible_agents[:], None, 0
         self._follow()
         infos = self._infos(self.arena.gain, self.agents, None)

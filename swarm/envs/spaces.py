@@ -42,8 +42,9 @@ def of_shape(world: World, actions: Array, shape: tuple[int, ...]) -> Array:
     TypeError unless it holds numbers of the right kind, ValueError unless they are as many.
     """
     kind = "real floating" if world.is_continuous else "integral"
-    if not namespace(actions).isdtype(actions.dtype, kind):
-        raise TypeError(f"actions must be {rule_of(world, shape)}, got {actions.dtype}")
+    dtype = getattr(actions, "dtype", None)
+    if dtype is None or not namespace(actions).isdtype(dtype, kind):
+        raise TypeError(f"actions must be {rule_of(world, shape)}, got {dtype or repr(actions)}")
     if world.is_continuous and tuple(actions.shape) == (*shape, 1):
         actions = actions[..., 0]
     if tuple(actions.shape) != shape:

@@ -103,12 +103,12 @@ class JaxSwarmEnv:
         (cells, 1) where these are the actions; where all have finished, the next life begins. Raises
         TypeError for an action of another kind, ValueError of another shape; its values are not looked at.
         """
-        return self._step(_typed(key), state, self._checked(action))
+        return self._step(_typed(key), state, of_shape(self.world, action, (self.n_swimmers,)))
 
     @functools.partial(jax.jit, static_argnums=0)
     def step_env(self, key: Array, state: EnvState, action: Array) -> Step:
         """`step` that leaves finished worlds as they are; it can be differentiated."""
-        return self._advanced(_typed(key), state, self._checked(action))
+        return self._advanced(_typed(key), state, of_shape(self.world, action, (self.n_swimmers,)))
 
     def render(self, state: EnvState) -> np.ndarray:
         """A picture (720, 960, 3) uint8 of one world."""
@@ -117,12 +117,6 @@ class JaxSwarmEnv:
         viewer = Viewer(self.world)
         viewer.follow(state.cells.each(np.asarray))
         return viewer.picture()
-
-    def _checked(self, action: Array) -> Array:
-        """The actions (cells,) of one world."""
-        if not isinstance(action, (jax.Array, np.ndarray)):
-            raise TypeError(f"actions must be an array, got {action!r}")
-        return of_shape(self.world, action, (self.n_swimmers,))
 
     # --- arrays with any leading axes: worlds ---------------------------------------------------------------
 
