@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import swarm
 from swarm.envs.gymnasium import SpermSwarmVector, SpermSwimmer
-from swarm.physics.starts import draw_noise, draw_starts
+from swarm.physics.starts import draw_noise, draw_record_noise, draw_starts
 
 ALONE = "swarm:chemoswarm/SpermSwarm-v0"
 MODES = ["SameStep", "NextStep", "Disabled"]
@@ -28,9 +28,12 @@ def life_of(env, cell, episode, start):
     Yields observation, reward, whether terminated, whether truncated, gain.
     """
     world, cells, dtype = env.world, env.num_envs, env.arena.dtype
-    starts = draw_starts(world, cells, 0, population="training", episode=episode)
-    state = world.start(starts.position.astype(dtype), starts.heading.astype(dtype), starts.past)
-    noise = draw_noise(0, cells, 64, population="training", episode=episode).astype(dtype)
+    which = {"population": "training", "episode": episode}
+    starts, recorded = (draw(world, cells, 0, **which) for draw in (draw_starts, draw_record_noise))
+    poses = starts.position.astype(dtype), starts.heading.astype(dtype)
+    recorded = None if recorded is None else recorded.astype(dtype)
+    state = world.start(*poses, starts.past, noise=recorded)
+    noise = draw_noise(0, cells, 64, **which).astype(dtype)
     yield world.observation(state)[cell], 0.0, False, False, 0.0
     for decision in range(64):
         action = actions(env, start + decision)
@@ -43,6 +46,7 @@ WORLDS = {
     "arrivals": {"field": "radial", "start_box": ((1.2, 2.5), (-1, 1)), "life": 9.0},
     "noise in float32": {
         "rotational_diffusion": 0.05,
+        "concentration_noise": 0.1,
         "varying_speed": True,
         "life": 4.0,
         "dtype": "float32",

@@ -7,7 +7,6 @@ import warnings
 import numpy as np
 import pytest
 import torch
-from tensordict import TensorDict
 from torchrl.envs import (
     CatFrames,
     EnvCreator,
@@ -84,39 +83,35 @@ def test_done_is_terminated_or_truncated_and_never_both():
     assert torch.equal(data["done"], data[GROUP, "done"].all(-2))
 
 
-def test_worlds_restart_one_by_one_and_the_others_go_on():
-    alone, together = environment(3, 2), environment(3, 2)
-    data, other = together.reset(), alone.reset()
-    actions = random_actions(together)
-    for _ in range(4):
-        action = next(actions)
-        data = together.step(with_action(together, data, action))["next"]
-        other = alone.step(with_action(alone, other, action))["next"]
-    mask = torch.tensor([[False], [True], [False]])
-    data = together.reset(data.set("_reset", mask))
-    untouched = [0, 2]
-    assert torch.equal(data[GROUP, "observation"][untouched], other[GROUP, "observation"][untouched])
-    assert together.episode.tolist() == [0, 1, 0]
-    action = next(actions)
-    data = together.step(with_action(together, data, action))["next"]
-    other = alone.step(with_action(alone, other, action))["next"]
-    assert torch.equal(data[GROUP, "observation"][untouched], other[GROUP, "observation"][untouched])
-    assert not torch.equal(data[GROUP, "observation"][1], other[GROUP, "observation"][1])
+class Far:
+    """A field that is nowhere near the origin."""
+
+    gradient_scale, box = 1.0, ((2.0, 3.0), (2.0, 3.0))
+
+    def concentration(self, position):
+        return position[..., 0]
+
+    def inside(self, position):
+        return position[..., 0] > 1.0
 
 
-@pytest.mark.parametrize("parameters", [{}, NOISE], ids=["", "noise"])
-def test_a_world_that_restarts_alone_lives_the_seeds_next_episode(parameters):
-    single, joint = environment(2, 2, **parameters), environment(2, 2, **parameters)
-    single.reset()
-    second = single.reset()
-    first = joint.reset()
-    first = joint.step(with_action(joint, first, np.zeros((2, 2), int)))["next"]
-    data = joint.reset(TensorDict({"_reset": torch.tensor([[True], [False]])}, batch_size=2))
-    assert torch.equal(data[GROUP, "observation"][0], second[GROUP, "observation"][0])
-    action = np.ones((2, 2), int)
-    data = joint.step(with_action(joint, data, action))["next"]
-    second = single.step(with_action(single, second, action))["next"]
-    assert torch.equal(data[GROUP, "observation"][0], second[GROUP, "observation"][0])
+@pytest.mark.parametrize("parameters", [{}, NOISE, {"field": Far(), "life": 1.0}], ids=["", "noise", "far"])
+def test_a_world_restarts_alone_in_the_seeds_next_episode_and_the_others_go_on(parameters):
+    next_episode, undisturbed, joint = (environment(3, 2, **parameters) for _ in range(3))
+    next_episode.reset()
+    second, other, data = next_episode.reset(), undisturbed.reset(), joint.reset()
+    data, other = (env.step(with_action(env, each, np.zeros(6, int)))["next"]
+                   for env, each in ((joint, data), (undisturbed, other)))  # fmt: skip
+    assert torch.equal(joint.restart(np.zeros(3, bool)), data[GROUP, "observation"])
+    data = joint.reset(data.set("_reset", torch.tensor([[False], [True], [False]])))
+    assert joint.episode.tolist() == [0, 1, 0]
+    for action in (1, 0):
+        for row, expected in enumerate((other, second, other)):
+            assert torch.equal(data[GROUP, "observation"][row], expected[GROUP, "observation"][row])
+        data, other, second = (
+            env.step(with_action(env, each, np.full(6, action)))["next"]
+            for env, each in ((joint, data), (undisturbed, other), (next_episode, second))
+        )
 
 
 def test_the_same_seed_gives_the_same_rollout_and_another_one_another():
@@ -225,25 +220,6 @@ def test_transforms_forget_a_life_that_is_over(transform, begins_with):
     assert (begun.any(0) & ~begun.all(0)).any()  # worlds end one by one
     assert torch.equal(data["seen"][:, 1:][begun], begins_with(data[whole][:, 1:][begun]))
     assert not torch.equal(data["seen"][:, 5], begins_with(data[whole][:, 5]))
-
-
-def test_a_world_restarts_alone_where_the_origin_is_outside():
-    class Far:
-        gradient_scale, box = 1.0, ((2.0, 3.0), (2.0, 3.0))
-
-        def concentration(self, position):
-            return position[..., 0]
-
-        def inside(self, position):
-            return position[..., 0] > 1.0
-
-    env = environment(2, 2, field=Far())
-    env.restart()
-    before = env.observation.clone()
-    assert torch.equal(env.restart(np.array([False, False])), before)
-    after = env.restart(np.array([False, True]))
-    assert torch.equal(after[0], before[0])
-    assert not torch.equal(after[1], before[1])
 
 
 def test_the_global_generators_stay_as_they_are():
