@@ -270,7 +270,7 @@ def _same_as_synchronous(settings: Settings) -> None:
     """Cells with seeds of their own live as single environments in Gymnasium's own vector environment do."""
     if {"medium", "first_arrivals"} & settings.keys():
         return
-    made = {"num_envs": 3, "life": 3.0} | settings
+    made: Settings = {"num_envs": 3, "life": 3.0} | settings
     make: Any = functools.partial(gymnasium.make_vec, "chemoswarm/SpermSwarm-v0", **made)
     theirs, ours = (make(vectorization_mode=mode) for mode in ("sync", "vector_entry_point"))
     assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"]
@@ -309,7 +309,8 @@ def _torchrl_specs(settings: Settings) -> None:
 
     from swarm.envs.torchrl import SwarmEnv
 
-    check_env_specs(SwarmEnv(n_worlds=2, **({"n_swimmers": 3, "life": 4.0, "seed": 0} | settings)))
+    small: Settings = {"n_swimmers": 3, "life": 4.0, "seed": 0}
+    check_env_specs(SwarmEnv(n_worlds=2, **(small | settings)))
 
 
 def _torchrl_wrapper() -> None:

@@ -44,7 +44,7 @@ def of_shape(world: World, actions: Array, shape: tuple[int, ...]) -> Array:
     kind = "real floating" if world.is_continuous else "integral"
     dtype = getattr(actions, "dtype", None)
     if dtype is None or not namespace(actions).isdtype(dtype, kind):
-        raise TypeError(f"actions must be {rule_of(world, shape)}, got {dtype or repr(actions)}")
+        raise TypeError(f"actions must be {rule_of(world, shape)}, got {dtype or type(actions).__name__}")
     if world.is_continuous and tuple(actions.shape) == (*shape, 1):
         actions = actions[..., 0]
     if tuple(actions.shape) != shape:
