@@ -125,7 +125,7 @@ def _vector(**settings: Any) -> Any:
 
 
 def _alone(settings: Settings) -> Any:
-    first = {"first_arrivals": 1} if "first_arrivals" in settings else {}
+    first: Settings = {"first_arrivals": 1} if "first_arrivals" in settings else {}
     return gymnasium.make("chemoswarm/SpermSwarm-v0", **({"life": 4.0} | settings | first)).unwrapped
 
 
