@@ -125,8 +125,8 @@ def _vector(**settings: Any) -> Any:
 
 
 def _alone(settings: Settings) -> Any:
-    first: Settings = {"first_arrivals": 1} if "first_arrivals" in settings else {}
-    return gymnasium.make("chemoswarm/SpermSwarm-v0", **({"life": 4.0} | settings | first)).unwrapped
+    own: Settings = {"life": 4.0} | settings | dict.fromkeys({"first_arrivals"} & settings.keys(), 1)
+    return gymnasium.make("chemoswarm/SpermSwarm-v0", **own).unwrapped
 
 
 def _in_all(check: Callable[[Settings], object]) -> None:

@@ -14,7 +14,7 @@ from swarm._support.checks import check_count, check_name, check_options
 from swarm._support.streams import check_seed
 from swarm.envs.arena import Seed
 from swarm.envs.face import Watched, make_world, with_parameters
-from swarm.envs.spaces import action_space, checked, checked_one, observation_space, rule_of
+from swarm.envs.spaces import action_space, checked, checked_one, observation_space
 from swarm.physics.world import World
 
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
@@ -254,8 +254,6 @@ class SpermSwimmer(Watched, gymnasium.Env):
         self._check_begun()
         if self._done:
             raise RuntimeError("step: the life is over; call reset")
-        if not self.world.is_continuous and not self.action_space.contains(action):
-            raise ValueError(f"action must be {rule_of(self.world)}, got {action!r}")
         chosen = checked_one(self.world, "action", action)
         arena = copy.copy(self.arena)  # kept only if nothing goes wrong
         observation, reward, terminated, truncated, _ = arena.step(np.array([chosen]))

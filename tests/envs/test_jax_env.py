@@ -239,10 +239,7 @@ class TestJaxMARL:
         assert list(observation) == list(reward) == env.agents
         assert done["__all__"].sum() == 4
         assert env.observation_space("swimmer_1").contains(observation["swimmer_1"][0, 0])
-        returned = info["returned_episode_returns"][-1]
-        summed = sum(np.asarray(reward[agent][: env.env.max_steps]).sum(0) for agent in env.agents)
-        assert returned.shape == (2, 3)
-        assert np.isfinite(summed).all()
+        assert info["returned_episode_returns"][-1].shape == (2, 3)
         manager = CTRolloutManager(env, batch_size=2, preprocess_obs=False)
         seen, state = manager.batch_reset(jax.random.key(0))
         actions = {agent: jnp.zeros(2, int) for agent in env.agents}
