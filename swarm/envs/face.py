@@ -79,8 +79,9 @@ class Watched:
             raise RuntimeError("reset must be called first")
 
     def state(self) -> np.ndarray:
-        """Where every cell is (cells, 4), in space (cells, 7), also of those that have finished; see
-        [`state_table`][swarm.envs.spaces.state_table]. Raises RuntimeError before the first reset.
+        """Every cell (cells, 4), also those that have finished: x, y [length], heading in [−π, π] [rad] and
+        its last curvature [1 / length]; in space (cells, 7) x, y, z and the unit quaternion w, x, y, z.
+        Raises RuntimeError before the first reset.
         """
         self._check_begun()
         return self.arena.table()

@@ -16,13 +16,16 @@ CELLS = 3
 
 def test_one_cell_lives_as_swimmer_0_does():
     alone = gymnasium.make("chemoswarm/SpermSwarm-v0", **STEERED).unwrapped
-    together = swarm.parallel_env(1, **STEERED)
+    together, vector = swarm.parallel_env(1, **STEERED), swarm.SpermSwarmVector(1, **STEERED)
+    vector.reset(seed=2)
     alone.reset(seed=2)
     together.reset(seed=2)
     for action in (np.array([-1.0], np.float32), 0.0, 3):
         together.step({"swimmer_0": action})
         alone.step(action)
+        vector.step(np.reshape(action, 1))
     np.testing.assert_array_equal(alone.state(), together.state())
+    np.testing.assert_array_equal(vector.state(), together.state())
 
 
 def test_spaces_are_boxes_over_the_range():

@@ -24,6 +24,8 @@ def play(env, policy=None):
 
 def test_infos_tell_what_each_cell_has_eaten_and_the_medium_lacks_it():
     env = swarm.parallel_env(n_swimmers=5, **EATING)
+    with pytest.raises(RuntimeError, match="reset must be called first"):
+        _ = env.medium
     told, *_ = play(env)
     last = {agent: info for infos in told for agent, info in infos.items()}
     eaten = np.array([info["eaten"] for info in last.values()])
