@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.exact_medium import EVERYWHERE, Puff, circles, lived, moving_sink
 from swarm.physics.crowd.medium import Medium, MediumState, check_medium
-from swarm.physics.crowd.mesh import Mesh
+from swarm.physics.crowd.medium.mesh import Mesh
 from swarm.physics.fields import FunctionField, GaussianPlume, LinearField, RadialField
 from swarm.physics.flows import OscillatingTaylorGreen, ShearFlow, StillWater, TaylorGreen, UniformFlow
 from swarm.physics.world import World

@@ -29,10 +29,10 @@ from swarm._support.checks import (
     optional,
     parameter,
 )
-from swarm.physics.crowd import suitability, transport
-from swarm.physics.crowd.exchange import Exchange, exchange
-from swarm.physics.crowd.mesh import WIDTHS, Box, Mesh
-from swarm.physics.crowd.transport import Waves
+from swarm.physics.crowd.medium import suitability, transport
+from swarm.physics.crowd.medium.exchange import Exchange, exchange
+from swarm.physics.crowd.medium.mesh import WIDTHS, Box, Mesh
+from swarm.physics.crowd.medium.transport import Waves
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.clock import frozen
@@ -125,7 +125,7 @@ class Medium(Checked):
 
     def check(self, field: Field, flow: Flow, **cells: Any) -> None:
         """Raises ValueError where the medium does not suit a world: see
-        [`suitability.check`][swarm.physics.crowd.suitability.check]."""
+        [`suitability.check`][swarm.physics.crowd.medium.suitability.check]."""
         suitability.check(self, field, flow, **cells)
 
     @cached_property

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from swarm._support.checks import check_memory
-from swarm.physics.crowd.mesh import Box
-from swarm.physics.crowd.transport import ADVECTION_LIMIT
+from swarm.physics.crowd.medium.mesh import Box
+from swarm.physics.crowd.medium.transport import ADVECTION_LIMIT
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.clock import frozen
