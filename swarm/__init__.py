@@ -124,7 +124,7 @@ for _kind, _maker in (("parallel", "parallel_env"), ("aec", "env")):
         _pettingzoo.register(_kind, "chemoswarm/sperm_swarm_v0", entry_point=_entry)
 _gymnasium.register(
     "chemoswarm/SpermSwarm-v0",
-    entry_point="swarm.envs.single:SpermSwimmer",
+    entry_point="swarm.envs.gymnasium:SpermSwimmer",
     vector_entry_point="swarm.envs.gymnasium:vector_env",
 )
 

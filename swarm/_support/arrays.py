@@ -139,8 +139,8 @@ def outer(table: Array, array: Array) -> Array:
 
 
 def where_chosen(mask: Array, new: Array, old: Array) -> Array:
-    """`new` (rows, ...) in the rows that a mask (rows,) chooses, `old` in the others."""
-    return namespace(old).where(mask.reshape(-1, *(1,) * (old.ndim - 1)), new, old)
+    """`new` (rows, ...) in the rows that a mask (rows,), of any axes, chooses, `old` in the others."""
+    return namespace(old).where(mask.reshape(*mask.shape, *(1,) * (old.ndim - mask.ndim)), new, old)
 
 
 def replaced(array: Array, row: Array, values: Array) -> Array:

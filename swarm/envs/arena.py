@@ -3,77 +3,24 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from gymnasium.logger import warn
 
 from swarm._support import streams
 from swarm._support.arrays import where_chosen
-from swarm._support.checks import check_count, check_installed, check_name, check_options
-from swarm.envs.spaces import state_table
+from swarm._support.checks import check_count, check_name, check_options
+from swarm.envs.spaces import state_table, told
 from swarm.physics.crowd.medium import MediumState
 from swarm.physics.starts import Draws, SpreadStarts, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
 
-RENDER_MODES = ["human", "rgb_array"]
-RENDER_FPS = 15
 DTYPES = {"float32": np.float32, "float64": np.float64}
 POPULATION: streams.Population = "training"
-WAITING = 512  # states at most that wait until somebody asks for a picture
 
 Seed = int | Sequence[int | None] | None
-
-Face = TypeVar("Face", bound=Callable[..., Any])
-
-
-def with_parameters(face: Face) -> Face:
-    """A decorator: the signature shows the parameters of a world that its `**parameters`, the last, take."""
-    signature = inspect.signature(face)
-    *named, _ = signature.parameters.values()
-    kind = inspect.Parameter.KEYWORD_ONLY
-    further = [
-        inspect.Parameter(name, kind, default=default)
-        for name, default in World.defaults().items()
-        if name not in signature.parameters
-    ]
-    face.__signature__ = signature.replace(parameters=[*named, *further])  # type: ignore[attr-defined]
-    return face
-
-
-def make_world(world: World | None, parameters: dict[str, Any]) -> World:
-    """The world that is given, or one of the parameters; raises TypeError on unknown ones."""
-    if world is None:
-        for name in parameters:
-            try:
-                check_name("parameter", name, World.defaults())
-            except ValueError as error:  # in Python's words too: some libraries try what they may give
-                raise TypeError(f"{error} (unexpected keyword argument '{name}')") from None
-        return World(**parameters)
-    if parameters:
-        raise TypeError(f"world must be given alone, got {sorted(parameters)} besides")
-    if not isinstance(world, World):
-        raise TypeError(f"world must be a World, got {world!r}")
-    return world
-
-
-def told(world: World, state: State) -> dict[str, Any]:
-    """What is told of each cell (..., cells) beside its gain: what it has `eaten` [amount] in a medium; in a
-    race its `arrival_time` [time], infinite before, and whether it has `won`.
-    """
-    found = {} if state.medium is None else {"eaten": state.medium.eaten}
-    if state.arrival_time is not None:
-        found |= {"arrival_time": state.arrival_time, "won": world.won(state)}
-    return found
-
-
-def no_medium() -> AttributeError:
-    """What a world without a medium raises where it is asked for its medium."""
-    return AttributeError("medium must be a parameter of the world, got medium=None")
 
 
 class Arena:
@@ -264,67 +211,3 @@ class Arena:
             i = int(np.argwhere(wrong)[0][0])
             raise ValueError(f"{rule}, got {values[i]} for swimmer_{i}")
         return values.astype(self.dtype)
-
-
-class Watched:
-    """What the faces of an arena share: how many decisions a life may have, and pictures of it."""
-
-    arena: Arena
-    world: World
-
-    @property
-    def medium(self) -> Any:
-        """The medium's grid as an `xarray.DataArray` (x, y) with the nodes' places [concentration]: the whole
-        field where it is carried, else its deviation from the world's field. Raises AttributeError in a world
-        without a medium, RuntimeError before the first reset.
-        """
-        check_installed("labelled grids need", "xarray", extra="results")
-        import xarray as xr
-
-        if (medium := self.world.medium) is None:
-            raise no_medium()
-        if not self.arena.seeds:
-            raise RuntimeError("reset must be called first")
-        held = self.arena.state.medium
-        x, y = map(np.asarray, medium.mesh.coordinates(held.origin))
-        labels = {"units": "concentration", "long_name": "whole field" if medium.carried else "deviation"}
-        return xr.DataArray(held.grid.copy(), {"x": x, "y": y}, ("x", "y"), "medium", labels)
-
-    def _set_up(self, max_cycles: int | None, render_mode: str | None) -> None:
-        self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
-        self.render_mode = (
-            None if render_mode is None else check_name("render_mode", render_mode, RENDER_MODES)
-        )
-        self._viewer: Any = None
-        self._unseen: deque[State] = deque(maxlen=WAITING)  # by the viewer: following costs more than a step
-
-    def _follow(self) -> None:
-        """Show the viewer, where there is one, where the cells are now."""
-        if self.render_mode is not None:
-            self._unseen.append(self.arena.state)
-            if self.render_mode == "human" or self.world.medium is not None:  # grids would fill the memory
-                self._watch()
-
-    def _picture(self) -> np.ndarray | None:
-        if self.render_mode is None:
-            warn('render: make the environment with render_mode="rgb_array" or "human" to see something')
-            return None
-        return self._watch().render()
-
-    def _watch(self) -> Any:
-        from swarm.figures.viewer import Viewer
-
-        if self._viewer is None:
-            self._viewer = Viewer(self.world, window=self.render_mode == "human", fps=RENDER_FPS)
-        while self._unseen:
-            self._viewer.follow(self._unseen.popleft())
-        return self._viewer
-
-    def _close(self) -> None:
-        if self._viewer is not None:
-            self._viewer.close()
-            self._viewer = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Everything but pictures and windows."""
-        return self.__dict__ | {"_viewer": None}

@@ -33,7 +33,8 @@ EXEMPT = (
     "Creating .* which inherits from WeightUpdaterBase is deprecated",  # TorchRL on a class of its own
 )
 SWIMMERS = 6
-SETTINGS: dict[str, dict[str, Any]] = {
+Settings = dict[str, Any]
+SETTINGS: dict[str, Settings] = {
     "linear field": {},
     "radial field, varying speed": {"field": "radial", "varying_speed": True, "start_box": ((1, 4), (1, 4))},
     "Taylor–Green, flow sensed": {"flow": "taylor_green", "sense_flow": True, "dtype": "float32"},
@@ -69,33 +70,33 @@ def run_checks() -> Iterator[Check]:
 
 def checks() -> dict[str, Callable[[], object]]:
     """All checks by name; each is a call that raises where something is wrong."""
-    found: dict[str, Callable[[], object]] = {}
-    for name, settings in SETTINGS.items():
-        make = functools.partial(_parallel, **settings)
-        found |= {
-            f"PettingZoo parallel_api_test, {name}": functools.partial(_parallel_api, make),
-            f"PettingZoo api_test, {name}": functools.partial(_aec_api, settings),
-            f"chemoswarm seed test, {name}": functools.partial(check_seeds, make),
-        }
-    one_by_one = functools.partial(face.env, SWIMMERS)
-    return found | {
-        "PettingZoo max_cycles_test": functools.partial(_theirs, "max_cycles_test", face),
-        "PettingZoo parallel_seed_test": functools.partial(_theirs, "parallel_seed_test", _parallel),
-        "PettingZoo seed_test": functools.partial(_theirs, "seed_test", one_by_one),
+    part = functools.partial
+    return {
+        f"{name}, {setting}": part(check, settings)
+        for setting, settings in SETTINGS.items()
+        for name, check in {
+            "PettingZoo parallel_api_test": _parallel_api,
+            "PettingZoo api_test": _aec_api,
+            "chemoswarm seed test": lambda settings: check_seeds(part(_parallel, **settings)),
+        }.items()
+    } | {
+        "PettingZoo max_cycles_test": part(_theirs, "max_cycles_test", face),
+        "PettingZoo parallel_seed_test": part(_theirs, "parallel_seed_test", _parallel),
+        "PettingZoo seed_test": part(_theirs, "seed_test", part(face.env, SWIMMERS)),
         "PettingZoo state_test": _states,
         "PettingZoo render_test": _pictures,
         "PettingZoo make": _registered,
-        "Gymnasium spaces": _spaces,
-        "Gymnasium reset and seeds": _vector_resets,
+        "Gymnasium spaces": part(_in_all, _spaces),
+        "Gymnasium reset and seeds": part(_in_all, _vector_resets),
         "Gymnasium returned data": _vector_returns,
-        "Gymnasium wrappers, SameStep": functools.partial(_vector_wrappers, "SameStep"),
-        "Gymnasium wrappers, NextStep": functools.partial(_vector_wrappers, "NextStep"),
+        "Gymnasium wrappers, SameStep": part(_in_all, part(_vector_wrappers, "SameStep")),
+        "Gymnasium wrappers, NextStep": part(_in_all, part(_vector_wrappers, "NextStep")),
         "Gymnasium make_vec": _vector_registered,
-        "Gymnasium check_env": _single,
-        "Gymnasium SyncVectorEnv": _same_as_synchronous,
-        "SuperSuit black_death": _black_death,
-        "Stable-Baselines3 check_env": _stable_baselines3,
-        "TorchRL check_env_specs": _torchrl_specs,
+        "Gymnasium check_env": part(_in_all, _single),
+        "Gymnasium SyncVectorEnv": part(_in_all, _same_as_synchronous),
+        "SuperSuit black_death": part(_in_all, _black_death),
+        "Stable-Baselines3 check_env": part(_in_all, _stable_baselines3),
+        "TorchRL check_env_specs": part(_in_all, _torchrl_specs),
         "TorchRL PettingZooWrapper": _torchrl_wrapper,
     }
 
@@ -123,9 +124,14 @@ def _vector(**settings: Any) -> Any:
     return SpermSwarmVector(**({"n_swimmers": SWIMMERS, "life": 12.0} | settings))
 
 
-def _alone(settings: dict[str, Any]) -> Any:
-    first = {"first_arrivals": 1} if "first_arrivals" in settings else {}
-    return gymnasium.make("chemoswarm/SpermSwarm-v0", **({"life": 4.0} | settings | first)).unwrapped
+def _alone(settings: Settings) -> Any:
+    own: Settings = {"life": 4.0} | settings | dict.fromkeys({"first_arrivals"} & settings.keys(), 1)
+    return gymnasium.make("chemoswarm/SpermSwarm-v0", **own).unwrapped
+
+
+def _in_all(check: Callable[[Settings], object]) -> None:
+    for settings in SETTINGS.values():
+        check(settings)
 
 
 # --- PettingZoo ---
@@ -136,11 +142,11 @@ def _theirs(test: str, *given: Any, **options: Any) -> None:
     getattr(importlib.import_module("pettingzoo.test"), test)(*given, **options)
 
 
-def _parallel_api(make: Callable[[], Any]) -> None:
-    _theirs("parallel_api_test", make(), num_cycles=100)
+def _parallel_api(settings: Settings) -> None:
+    _theirs("parallel_api_test", _parallel(**settings), num_cycles=100)
 
 
-def _aec_api(settings: dict[str, Any]) -> None:
+def _aec_api(settings: Settings) -> None:
     for make in (face.env, face.raw_env):
         _theirs("api_test", make(SWIMMERS, **({"life": 12.0} | settings)), num_cycles=60)
 
@@ -208,44 +214,41 @@ def _exact(parts: Any) -> tuple[Any, ...]:
 # --- Gymnasium ---
 
 
-def _spaces() -> None:
-    for settings in SETTINGS.values():
-        env = _vector(**settings)
-        passive_env_checker.check_observation_space(env.single_observation_space)
-        passive_env_checker.check_action_space(env.single_action_space)
-        observation, _ = env.reset(seed=0)
-        for _ in range(100):
-            assert observation in env.observation_space, "observations must lie in their space"
-            observation = env.step(env.action_space.sample())[0]
+def _spaces(settings: Settings) -> None:
+    env = _vector(**settings)
+    passive_env_checker.check_observation_space(env.single_observation_space)
+    passive_env_checker.check_action_space(env.single_action_space)
+    observation, _ = env.reset(seed=0)
+    for _ in range(100):
+        assert observation in env.observation_space, "observations must lie in their space"
+        observation = env.step(env.action_space.sample())[0]
 
 
-def _vector_resets() -> None:
-    for settings in SETTINGS.values():
-        env = _vector(**settings)
-        env.spec = SimpleNamespace(nondeterministic=False)  # so that the checks compare two runs
-        env_checker.check_seed_deprecation(env)
-        env_checker.check_reset_return_info_deprecation(env)
-        env_checker.check_reset_return_type(env)
-        env_checker.check_reset_seed_determinism(env)
-        env_checker.check_reset_options(env)
+def _vector_resets(settings: Settings) -> None:
+    env = _vector(**settings)
+    env.spec = SimpleNamespace(nondeterministic=False)  # so that the checks compare two runs
+    env_checker.check_seed_deprecation(env)
+    env_checker.check_reset_return_info_deprecation(env)
+    env_checker.check_reset_return_type(env)
+    env_checker.check_reset_seed_determinism(env)
+    env_checker.check_reset_options(env)
 
 
-def _vector_wrappers(mode: str) -> None:
+def _vector_wrappers(mode: str, settings: Settings) -> None:
     """Gymnasium's own wrappers count every life once, and find its last observation."""
-    for settings in SETTINGS.values():
-        counting = wrappers.RecordEpisodeStatistics(_vector(autoreset_mode=mode, **settings))
-        env = wrappers.DictInfoToList(counting)
-        _, infos = env.reset(seed=0)
-        lives = 0
-        for _ in range(100):
-            *_, terminated, truncated, infos = env.step(env.action_space.sample())
-            over = terminated | truncated
-            lives += int(over.sum())
-            assert [("episode" in info) for info in infos] == over.tolist(), "every end is an episode"
-            assert all(set(info) >= {"gain"} for info in infos), "info must hold gain"
-            if mode == "SameStep":
-                assert [("final_obs" in info) for info in infos] == over.tolist(), "every end is observed"
-        assert lives == counting.episode_count > 0, "lives must be counted once"
+    counting = wrappers.RecordEpisodeStatistics(_vector(autoreset_mode=mode, **settings))
+    env = wrappers.DictInfoToList(counting)
+    _, infos = env.reset(seed=0)
+    lives = 0
+    for _ in range(100):
+        *_, terminated, truncated, infos = env.step(env.action_space.sample())
+        over = terminated | truncated
+        lives += int(over.sum())
+        assert [("episode" in info) for info in infos] == over.tolist(), "every end is an episode"
+        assert all(set(info) >= {"gain"} for info in infos), "info must hold gain"
+        if mode == "SameStep":
+            assert [("final_obs" in info) for info in infos] == over.tolist(), "every end is observed"
+    assert lives == counting.episode_count > 0, "lives must be counted once"
 
 
 def _vector_returns() -> None:
@@ -259,58 +262,55 @@ def _vector_registered() -> None:
     assert len(env.reset(seed=0)[0]) == env.num_envs == 3
 
 
-def _single() -> None:
-    for settings in SETTINGS.values():
-        env_checker.check_env(_alone(settings), skip_render_check=True)
+def _single(settings: Settings) -> None:
+    env_checker.check_env(_alone(settings), skip_render_check=True)
 
 
-def _same_as_synchronous() -> None:
+def _same_as_synchronous(settings: Settings) -> None:
     """Cells with seeds of their own live as single environments in Gymnasium's own vector environment do."""
-    alone = [each for each in SETTINGS.values() if not {"medium", "first_arrivals"} & each.keys()]
-    for settings in alone:
-        made = {"num_envs": 3, "life": 3.0} | settings
-        make: Any = functools.partial(gymnasium.make_vec, "chemoswarm/SpermSwarm-v0", **made)
-        theirs, ours = (make(vectorization_mode=mode) for mode in ("sync", "vector_entry_point"))
-        assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"]
-        for seed in ([4, 9, 2], None, [None, 7, None]):
-            assert np.array_equal(theirs.reset(seed=seed)[0], ours.reset(seed=seed)[0]), f"seed {seed}"
-            for _ in range(25):
-                action = ours.action_space.sample()
-                parts = zip(theirs.step(action)[:4], ours.step(action)[:4], strict=True)
-                assert all(np.array_equal(*pair) for pair in parts), "vector environments must agree"
+    if {"medium", "first_arrivals"} & settings.keys():
+        return
+    made: Settings = {"num_envs": 3, "life": 3.0} | settings
+    make: Any = functools.partial(gymnasium.make_vec, "chemoswarm/SpermSwarm-v0", **made)
+    theirs, ours = (make(vectorization_mode=mode) for mode in ("sync", "vector_entry_point"))
+    assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"]
+    for seed in ([4, 9, 2], None, [None, 7, None]):
+        assert np.array_equal(theirs.reset(seed=seed)[0], ours.reset(seed=seed)[0]), f"seed {seed}"
+        for _ in range(25):
+            action = ours.action_space.sample()
+            parts = zip(theirs.step(action)[:4], ours.step(action)[:4], strict=True)
+            assert all(np.array_equal(*pair) for pair in parts), "vector environments must agree"
 
 
-def _black_death() -> None:
+def _black_death(settings: Settings) -> None:
     """Lives of unequal length as a vector environment, to which finished cells are zeros."""
     _need("supersuit", "black_death_v3")
     supersuit = importlib.import_module("supersuit")
-    for settings in SETTINGS.values():
-        env = supersuit.pettingzoo_env_to_vec_env_v1(supersuit.black_death_v3(_parallel(**settings)))
-        env.reset(seed=0)
-        action = [env.action_space.sample()] * SWIMMERS
-        over = [np.all(env.step(np.array(action))[2]) for _ in range(60)]
-        assert any(over), "all lives must end"
+    env = supersuit.pettingzoo_env_to_vec_env_v1(supersuit.black_death_v3(_parallel(**settings)))
+    env.reset(seed=0)
+    action = [env.action_space.sample()] * SWIMMERS
+    over = [np.all(env.step(np.array(action))[2]) for _ in range(60)]
+    assert any(over), "all lives must end"
 
 
-def _stable_baselines3() -> None:
+def _stable_baselines3(settings: Settings) -> None:
     _need("stable_baselines3", "VecEnv")
     from stable_baselines3.common.env_checker import check_env
 
-    for settings in SETTINGS.values():
-        check_env(_alone(settings), skip_render_check=True)
+    check_env(_alone(settings), skip_render_check=True)
 
 
 # --- TorchRL ---
 
 
-def _torchrl_specs() -> None:
+def _torchrl_specs(settings: Settings) -> None:
     _need("torchrl", "the TorchRL face")
     from torchrl.envs import check_env_specs
 
     from swarm.envs.torchrl import SwarmEnv
 
-    for settings in SETTINGS.values():
-        check_env_specs(SwarmEnv(n_worlds=2, **({"n_swimmers": 3, "life": 4.0, "seed": 0} | settings)))
+    small: Settings = {"n_swimmers": 3, "life": 4.0, "seed": 0}
+    check_env_specs(SwarmEnv(n_worlds=2, **(small | settings)))
 
 
 def _torchrl_wrapper() -> None:

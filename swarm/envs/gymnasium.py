@@ -1,26 +1,20 @@
-"""The Gymnasium face: every cell is a sub-environment of one vector environment."""
+"""The Gymnasium faces: a vector environment whose sub-environments are cells, and one cell alone."""
 
 from __future__ import annotations
 
 import copy
 from typing import Any
 
+import gymnasium
 import numpy as np
-from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from swarm._support.checks import check_count, check_name, check_options
-from swarm.envs.arena import (
-    RENDER_FPS,
-    RENDER_MODES,
-    Arena,
-    Seed,
-    Watched,
-    make_world,
-    with_parameters,
-)
-from swarm.envs.spaces import action_space, checked
+from swarm._support.streams import check_seed
+from swarm.envs.arena import Seed
+from swarm.envs.face import Watched, make_world, with_parameters
+from swarm.envs.spaces import action_space, checked, checked_one, observation_space
 from swarm.physics.world import World
 
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
@@ -59,24 +53,16 @@ class SpermSwarmVector(Watched, VectorEnv):
         world: World | None = None,
         **parameters: Any,
     ) -> None:
-        self.world = make_world(world, parameters)
-        self.arena = Arena(self.world, n_swimmers, dtype)
-        self._set_up(max_cycles, render_mode)
+        self._set_up(make_world(world, parameters), n_swimmers, max_cycles, render_mode, dtype)
         if not isinstance(autoreset_mode, AutoresetMode):
             autoreset_mode = AUTORESET_MODES[check_name("autoreset_mode", autoreset_mode, AUTORESET_MODES)]
-        self.autoreset_mode = autoreset_mode
-        self.metadata = {
-            "render_modes": RENDER_MODES,
-            "render_fps": RENDER_FPS,
-            "autoreset_mode": autoreset_mode,
-        }
-        bounds = self.world.observation_bounds
+        self.autoreset_mode = self.metadata["autoreset_mode"] = autoreset_mode
         self.num_envs = self.arena.n_swimmers
-        self.single_observation_space = Box(-bounds, bounds, dtype=np.float32)
+        self.single_observation_space = observation_space(self.world)
         self.single_action_space = action_space(self.world)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._done: np.ndarray | None = None  # (cells,) lives that are over; None before the first reset
+        self._done = np.zeros(self.num_envs, bool)  # lives that are over
         self._together = _begins_together(self.world)
         self._waiting = np.zeros((2, self.num_envs), bool)  # terminated, truncated, and not told yet
 
@@ -98,7 +84,7 @@ class SpermSwarmVector(Watched, VectorEnv):
             self._done = np.zeros(self.num_envs, bool)
         else:
             observation = self.arena.restart(cells, options)
-            self._done = self._begun() & ~cells
+            self._done = self._done & ~cells
         self._waiting = np.zeros_like(self._waiting)
         super().reset(seed=None if seed is None else self.arena.seeds[0])
         self._follow()
@@ -111,8 +97,12 @@ class SpermSwarmVector(Watched, VectorEnv):
 
         Raises TypeError or ValueError where an action is none, and leaves everything as it was.
         """
-        over = self._begun()
-        action = np.where(over, self.arena.action, checked(self.world, actions, self.num_envs))
+        self._check_begun()
+        given, over = np.asarray(actions), self._done
+        if self.world.is_continuous and given.dtype.kind in "iu":
+            given = given.astype(self.arena.dtype)
+        chosen = checked(self.world, given, (self.num_envs,))
+        action = np.where(self.arena.state.finished, self.arena.action, chosen)
         if over.any() and self.autoreset_mode is AutoresetMode.DISABLED:
             names = ", ".join(f"swimmer_{i}" for i in np.flatnonzero(over)[:3])
             raise RuntimeError(f"step: the lives of {names} are over; call reset with options['reset_mask']")
@@ -140,31 +130,12 @@ class SpermSwarmVector(Watched, VectorEnv):
         self._follow()
         return observation, reward, terminated, truncated, info | self._info()
 
-    def state(self) -> np.ndarray:
-        """The state of every cell (cells, 4), in space (cells, 7), as the PettingZoo face has it."""
-        self._begun()
-        return self.arena.table()
-
-    # --- pictures ---
-
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The picture (height, width, 3) uint8 of the world that they share once for every cell, with
         "rgb_array"; "human" shows it.
         """
-        self._begun()
-        picture = self._picture()
+        picture = super().render()
         return None if picture is None else (picture,) * self.num_envs
-
-    def close_extras(self, **kwargs: Any) -> None:
-        """Close the window, if there is one."""
-        self._close()
-
-    # --- helpers ---
-
-    def _begun(self) -> np.ndarray:
-        if self._done is None:
-            raise RuntimeError("reset must be called first")
-        return self._done
 
     def _info(self) -> dict[str, Any]:
         found = {"gain": self.arena.gain} | self.arena.told()
@@ -203,7 +174,7 @@ class SpermSwarmVector(Watched, VectorEnv):
             raise ValueError("options['reset_mask'] must choose at least one cell, got none")
         if seed is not None:
             raise ValueError(f"seed must be None with options['reset_mask'], got {seed!r}")
-        self._begun()
+        self._check_begun()
         if self._together and not cells.all():
             rule = "options['reset_mask'] must choose all cells where none can begin before the others"
             raise ValueError(f"{rule}, got {int(cells.sum())} of {self.num_envs}")
@@ -236,3 +207,63 @@ def vector_env(
             f"num_envs is the number of cells: leave out n_swimmers, got {kwargs['n_swimmers']!r}"
         )
     return SpermSwarmVector(check_count("num_envs", num_envs), **({"max_cycles": max_episode_steps} | kwargs))
+
+
+class SpermSwimmer(Watched, gymnasium.Env):
+    """One cell in a world of its own; arguments otherwise as `swarm.parallel_env`.
+
+    It is what `gymnasium.make("chemoswarm/SpermSwarm-v0")` makes. With the same seed it lives the life of
+    `swimmer_0` of the other faces; its spaces, rewards and ends are those of one of their cells, its info is
+    that cell's: `gain` and, where there are such, `eaten`, `arrival_time` and `won`.
+    """
+
+    @with_parameters
+    def __init__(
+        self,
+        *,
+        max_cycles: int | None = None,
+        render_mode: str | None = None,
+        dtype: str = "float64",
+        world: World | None = None,
+        **parameters: Any,
+    ) -> None:
+        self._set_up(make_world(world, parameters), 1, max_cycles, render_mode, dtype)
+        self.observation_space = observation_space(self.world)
+        self.action_space = action_space(self.world)
+        self._done = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin a life; returns the observation (N_T · features,) float32 and info.
+
+        `seed` begins a stream of episodes; without it the next episode of the stream begins.
+        `options["position"]` (1, 2) [length] and `options["heading"]` (1,) [rad], in space (1, 3) and a unit
+        quaternion (1, 4), set the pose; other options are ignored.
+        """
+        observation = self.arena.reset(None if seed is None else check_seed(seed), options)
+        super().reset(seed=None if seed is None else self.arena.seeds[0])
+        self._done = False
+        self._follow()
+        return observation[0], self._info()
+
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """One decision; raises ValueError or TypeError where the action is none, RuntimeError where no life
+        has begun or it is over, and leaves everything as it was.
+        """
+        self._check_begun()
+        if self._done:
+            raise RuntimeError("step: the life is over; call reset")
+        chosen = checked_one(self.world, "action", action)
+        arena = copy.copy(self.arena)  # kept only if nothing goes wrong
+        observation, reward, terminated, truncated, _ = arena.step(np.array([chosen]))
+        ended, over = bool(terminated[0]), bool(truncated[0])
+        if self.max_cycles is not None:
+            over = over or (not ended and int(arena.decision[0]) >= self.max_cycles)
+        self.arena, self._done = arena, ended or over
+        self._follow()
+        return observation[0], float(reward[0]), ended, over, self._info()
+
+    def _info(self) -> dict[str, Any]:
+        told = {"gain": self.arena.gain} | self.arena.told()
+        return {name: values[0].item() for name, values in told.items()}

@@ -15,19 +15,19 @@ in space (N, 7): x, y, z and the unit quaternion w, x, y, z that turns the cell'
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box, Discrete
+from gymnasium.spaces import Box, Discrete, Space
 from pettingzoo import ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 from pettingzoo.utils.env import AECEnv
 from pettingzoo.utils.wrappers import AssertOutOfBoundsWrapper, OrderEnforcingWrapper
 
 from swarm._support import streams
-from swarm.envs.arena import RENDER_FPS, RENDER_MODES, Arena, Watched, make_world, with_parameters
-from swarm.envs.spaces import action_space, checked_one, state_bounds
+from swarm.envs.face import Watched, make_world, with_parameters
+from swarm.envs.spaces import action_space, checked_one, observation_space, state_bounds
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow
 from swarm.physics.world import World
@@ -81,15 +81,8 @@ def env(*args: Any, **kwargs: Any) -> AECEnv:
 class InTurns(parallel_to_aec_wrapper):
     """PettingZoo's conversion, with whatever else the parallel environment has: `world`, `np_random`, …"""
 
-    @property
-    def observation_spaces(self) -> dict[str, Box]:
-        """Every agent's observation space."""
-        return self.env.observation_spaces
-
-    @property
-    def action_spaces(self) -> dict[str, Discrete | Box]:
-        """Every agent's action space."""
-        return self.env.action_spaces
+    observation_spaces = property(lambda self: self.env.observation_spaces)
+    action_spaces = property(lambda self: self.env.action_spaces)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name == "env":
@@ -100,12 +93,7 @@ class InTurns(parallel_to_aec_wrapper):
 class SpermSwarm(Watched, ParallelEnv):
     """All cells of one world as agents; see the module and `parallel_env`."""
 
-    metadata = {
-        "name": "sperm_swarm_v0",
-        "render_modes": RENDER_MODES,
-        "render_fps": RENDER_FPS,
-        "is_parallelizable": True,
-    }
+    metadata = Watched.metadata | {"name": "sperm_swarm_v0", "is_parallelizable": True}
 
     def __init__(
         self,
@@ -116,34 +104,33 @@ class SpermSwarm(Watched, ParallelEnv):
         render_mode: str | None = None,
         dtype: str = "float64",
     ) -> None:
-        self.arena = Arena(world, n_swimmers, dtype)
-        self.world = world
-        self._set_up(max_cycles, render_mode)
+        self._set_up(world, n_swimmers, max_cycles, render_mode, dtype)
         self.possible_agents = [f"swimmer_{i}" for i in range(self.arena.n_swimmers)]
         self.agents: list[str] = []
         self._known = f"swimmer_0 to {self.possible_agents[-1]}"
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         self._live: np.ndarray | None = None  # rows of `agents`; None while nobody has finished
-        self._cycle: int | None = None  # decisions since reset; None before the first
-        self._observation_spaces: dict[str, Box] = {}  # of the agents that were asked for
-        self._action_spaces: dict[str, Discrete | Box] = {}
-        self._np_random: np.random.Generator | None = None
-        self.state_space = self._make_state_space()
+        self.steps = 0  # decisions since the last reset
+        self._spaces: dict[Any, Any] = {}  # of the agents that were asked for
+        self.np_random = np.random.default_rng()  # for wrappers and users; nothing here draws from it
+        low, high = np.nan_to_num(np.array(state_bounds(world), self.arena.dtype))
+        cells = self.arena.n_swimmers, 1
+        self.state_space = Box(np.tile(low, cells), np.tile(high, cells), dtype=self.arena.dtype)
 
     def observation_space(self, agent: str) -> Box:
         """Box (N_T · features,) float32 whose finite bounds hold."""
-        if agent not in self._observation_spaces:
-            self._index[agent]  # raises
-            bounds = self.world.observation_bounds
-            self._observation_spaces[agent] = Box(-bounds, bounds, dtype=np.float32)
-        return self._observation_spaces[agent]
+        return self._own(observation_space, agent)
 
     def action_space(self, agent: str) -> Discrete | Box:
         """Discrete(m), or a Box (1,) of curvatures; see `swarm.envs.spaces`."""
-        if agent not in self._action_spaces:
+        return self._own(action_space, agent)
+
+    def _own(self, make: Callable[[World], Space[Any]], agent: str) -> Any:
+        """An agent's own space, which can be seeded by itself; a hundred thousand at once would take long."""
+        if (make, agent) not in self._spaces:
             self._index[agent]  # raises
-            self._action_spaces[agent] = action_space(self.world)
-        return self._action_spaces[agent]
+            self._spaces[make, agent] = make(self.world)
+        return self._spaces[make, agent]
 
     @functools.cached_property
     def observation_spaces(self) -> dict[str, Box]:
@@ -161,18 +148,6 @@ class SpermSwarm(Watched, ParallelEnv):
             raise ValueError(f"agent must be one of {self._known}, got {agent!r}")
         return self._index[agent]
 
-    @property
-    def np_random(self) -> np.random.Generator:
-        """A generator for wrappers and for users, begun by a reset's seed; nothing here draws from it."""
-        if self._np_random is None:
-            self._np_random = np.random.default_rng()
-        return self._np_random
-
-    @property
-    def steps(self) -> int:
-        """Decisions since the last reset."""
-        return self._cycle or 0
-
     # --- episodes ---
 
     def reset(
@@ -184,16 +159,13 @@ class SpermSwarm(Watched, ParallelEnv):
         `options["position"]` (N, 2) [length] and `options["heading"]` (N,) [rad], in space (N, 3) and unit
         quaternions (N, 4), set poses, inside the start box or not; other options are ignored.
         """
+        observation = self.arena.reset(None if seed is None else streams.check_seed(seed), options)
         if seed is not None:
-            seed = streams.check_seed(seed)
-        observation = self.arena.reset(seed, options)
-        if seed is not None or self._np_random is None:
-            self._np_random = np.random.default_rng(self.arena.seeds[0])
-        self.agents, self._live, self._cycle = self.possible_agents[:], None, 0
+            self.np_random = np.random.default_rng(seed)
+        self.agents, self._live, self.steps = self.possible_agents[:], None, 0
         self._follow()
-        return dict(zip(self.agents, observation, strict=True)), self._infos(
-            self.arena.gain, self.agents, None
-        )
+        infos = self._infos(self.arena.gain, self.agents, None)
+        return dict(zip(self.agents, observation, strict=True)), infos
 
     def step(
         self, actions: dict[str, Any]
@@ -206,16 +178,16 @@ class SpermSwarm(Watched, ParallelEnv):
         nothing happens, and five empty dictionaries are returned. Raises TypeError or ValueError where
         something is wrong, and leaves everything as it was.
         """
-        cycle = self._check_begun() + 1
+        self._check_begun()
         action, agents, live = self._unpack(actions), self.agents, self._live
         if not agents:
             return {}, {}, {}, {}, {}
         outcome = self.arena.step(action)
-        self._cycle = cycle
+        self.steps += 1
         observation, reward, terminated, truncated, gain = (
             outcome if live is None else (values[live] for values in outcome)
         )
-        if self.max_cycles is not None and cycle >= self.max_cycles:
+        if self.max_cycles is not None and self.steps >= self.max_cycles:
             truncated = ~terminated
         if (done := terminated | truncated).any():
             self._live = np.flatnonzero(~done) if live is None else live[~done]
@@ -244,28 +216,7 @@ class SpermSwarm(Watched, ParallelEnv):
                 info[name] = value
         return infos
 
-    def state(self) -> np.ndarray:
-        """The state (N, 4), in space (N, 7), of every cell, also of those that have finished."""
-        self._check_begun()
-        return self.arena.table()
-
-    # --- pictures ---
-
-    def render(self) -> np.ndarray | None:
-        """The picture (height, width, 3) uint8 with "rgb_array"; "human" shows it in a window."""
-        self._check_begun()
-        return self._picture()
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        self._close()
-
     # --- checks ---
-
-    def _check_begun(self) -> int:
-        if self._cycle is None:
-            raise RuntimeError("reset must be called first")
-        return self._cycle
 
     def _unpack(self, actions: dict[str, Any]) -> np.ndarray:
         """Actions (cells,); a finished cell keeps its last."""
@@ -303,15 +254,6 @@ class SpermSwarm(Watched, ParallelEnv):
             if agent not in self._index:
                 return ValueError(f"actions must be for {self._known}, got one for {agent!r}")
         missing = [agent for agent in self.agents if agent not in actions]
-        return ValueError(
-            f"actions must be given for every agent in `agents`, got none for {_listed(missing)}"
-        )
-
-    def _make_state_space(self) -> Box:
-        dtype, cells = self.arena.dtype, (len(self.possible_agents), 1)
-        low, high = np.nan_to_num(np.array(state_bounds(self.world), dtype))
-        return Box(np.tile(low, cells), np.tile(high, cells), dtype=dtype)
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+        listed = ", ".join(missing[:3]) + more
+        return ValueError(f"actions must be given for every agent in `agents`, got none for {listed}")

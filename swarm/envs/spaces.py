@@ -1,4 +1,4 @@
-"""Actions and states as the faces know them: their spaces, and what is said of an action that is none."""
+"""Observations, actions and states as the faces know them: their spaces, and what is no action."""
 
 from __future__ import annotations
 
@@ -15,6 +15,12 @@ from swarm.physics.world import State, World
 Array = Any
 
 
+def observation_space(world: World) -> Box:
+    """Box (N_T · features,) float32 whose finite bounds hold."""
+    bounds = world.observation_bounds
+    return Box(-bounds, bounds, dtype=np.float32)
+
+
 def action_space(world: World) -> Discrete | Box:
     """Discrete(m); Box (1,) float32 of curvatures [1 / length] where these are the actions."""
     if world.action_range is None:
@@ -23,28 +29,38 @@ def action_space(world: World) -> Discrete | Box:
     return Box(low, high, (1,), np.float32)
 
 
-def rule_of(world: World, count: int | None = None) -> str:
-    """What an action, or `count` of them, must be."""
+def rule_of(world: World, shape: tuple[int, ...] | None = None) -> str:
+    """What an action, or an array of them, must be."""
     one, many = ("a curvature", "curvatures") if world.is_continuous else ("a whole number", "whole numbers")
     low, high = world.action_range or (0, world.n_actions - 1)
-    return f"{one if count is None else f'{count} {many}'} from {low:g} to {high:g}"
+    ends = f"from {low:g} to {high:g}"
+    return f"{one} {ends}" if shape is None else f"{many} {ends} of shape {shape}"
 
 
-def checked(world: World, actions: Any, cells: int) -> np.ndarray:
-    """The actions (cells,), curvatures also of (cells, 1); raises TypeError or ValueError."""
-    rule = f"actions must be {rule_of(world, cells)}"
-    action = np.asarray(actions)
-    if action.dtype.kind not in ("iuf" if world.is_continuous else "iu"):
-        raise TypeError(f"{rule}, got {action.dtype} {actions!r}")
-    if world.is_continuous and action.shape == (cells, 1):
-        action = action[:, 0]
-    if action.shape != (cells,):
-        raise ValueError(f"{rule}, got shape {action.shape}")
-    wrong = ~world.is_action(action)
+def of_shape(world: World, actions: Array, shape: tuple[int, ...]) -> Array:
+    """An array of `shape` of any library from one of it, of curvatures also of one axis (1,) more; raises
+    TypeError unless it holds numbers of the right kind, ValueError unless they are as many.
+    """
+    kind = "real floating" if world.is_continuous else "integral"
+    dtype = getattr(actions, "dtype", None)
+    if dtype is None or not namespace(actions).isdtype(dtype, kind):
+        raise TypeError(f"actions must be {rule_of(world, shape)}, got {dtype or type(actions).__name__}")
+    if world.is_continuous and tuple(actions.shape) == (*shape, 1):
+        actions = actions[..., 0]
+    if tuple(actions.shape) != shape:
+        raise ValueError(f"actions must be {rule_of(world, shape)}, got shape {tuple(actions.shape)}")
+    return actions
+
+
+def checked(world: World, actions: Array, shape: tuple[int, ...]) -> Array:
+    """`of_shape`; raises ValueError, too, unless all are actions of the world."""
+    actions = of_shape(world, actions, shape)
+    wrong = ~world.is_action(actions)
     if wrong.any():
-        i = int(wrong.argmax())
-        raise ValueError(f"{rule}, got {action[i]} for swimmer_{i}")
-    return action
+        *_, cell = first = tuple(int(each[0]) for each in namespace(wrong).nonzero(wrong))
+        rule = rule_of(world, shape)
+        raise ValueError(f"actions must be {rule}, got {actions[first]} for swimmer_{cell}")
+    return actions
 
 
 def checked_one(world: World, name: str, action: Any) -> float:
@@ -64,6 +80,16 @@ def checked_one(world: World, name: str, action: Any) -> float:
     if not world.is_action(number):
         raise ValueError(rule)
     return number
+
+
+def told(world: World, state: State) -> dict[str, Any]:
+    """What is told of each cell (..., cells) beside its gain: what it has `eaten` [amount] in a medium; in a
+    race its `arrival_time` [time], infinite before, and whether it has `won`.
+    """
+    found = {} if state.medium is None else {"eaten": state.medium.eaten}
+    if state.arrival_time is not None:
+        found |= {"arrival_time": state.arrival_time, "won": world.won(state)}
+    return found
 
 
 def state_bounds(world: World) -> tuple[list[float], list[float]]:

@@ -14,7 +14,7 @@ except ModuleNotFoundError:
         "swarm.envs.stable_baselines3 needs Stable-Baselines3: pip install stable-baselines3"
     ) from None
 
-from swarm.envs.arena import RENDER_FPS, with_parameters
+from swarm.envs.face import RENDER_FPS, with_parameters
 from swarm.envs.gymnasium import SpermSwarmVector
 from swarm.physics.world import World
 
@@ -59,7 +59,6 @@ class SpermSwarmVecEnv(VecEnv):
         return observation
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take the actions (cells,) for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
@@ -74,7 +73,6 @@ class SpermSwarmVecEnv(VecEnv):
         return observation, reward.astype(np.float32), done, infos
 
     def close(self) -> None:
-        """Close the window, if there is one."""
         self.env.close()
 
     def get_images(self) -> Sequence[np.ndarray | None]:
@@ -83,19 +81,15 @@ class SpermSwarmVecEnv(VecEnv):
         return [None if frames is None else frames[0]]
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """False for every chosen cell."""
         return [False for _ in self._get_indices(indices)]
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """The attribute of the shared vector environment, for every chosen cell."""
         return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of the shared vector environment."""
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """What the shared vector environment's method returns, called once, for every chosen cell."""
         returned = getattr(self.env, method_name)(*args, **kwargs)
         return [returned for _ in self._get_indices(indices)]
 

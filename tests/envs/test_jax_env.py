@@ -27,6 +27,7 @@ WORLDS = {
     "still water": {},
     "vortices, felt": {"flow": "taylor_green", "sense_flow": True},
     "varying speed": {"varying_speed": True, "interval_rule": "exact"},
+    "few decisions": {"max_cycles": 3},
     "noise": {"concentration_noise": 0.1, "curvature_noise": 0.1, "rotational_diffusion": 0.01},
     "bindings": {"binding_rate": 10.0},
     "an egg": NEAR_EGG,
@@ -38,7 +39,7 @@ WORLDS = {
     "unsteady": {"flow": "double_gyre"},
     "three dimensions": {"torsions": (7.7, 5.7), "curvatures": (5.5, 7.5), "speed": 2.0, "life": 1.0},
 }
-CHEAP = ("still water", "an egg", "varying speed")
+CHEAP = ("few decisions", "an egg", "varying speed")
 ALL = [
     pytest.param(WORLDS[name], id=name, marks=[] if name in CHEAP else pytest.mark.slow) for name in WORLDS
 ]
@@ -65,6 +66,7 @@ def test_lives_go_on_as_the_world_has_them_and_begin_again(parameters):
     observation, state, action, step = lives(env, jax.random.key(1), 2 * env.max_steps + 2)
     over = step.info["finished"].all(-1)
     assert over.any(0).all()
+    assert env.max_cycles in (None, env.max_steps)
     assert np.isfinite(step.reward).all()
     assert env.single_observation_space.contains(np.asarray(observation[-1, 0, 0]))
     # what ends is what was alive; whoever waits is given nothing
@@ -143,13 +145,6 @@ def test_a_cell_swims_once_for_each_number_of_its_pose_whatever_is_read_off_it()
     assert 0 < sines(env.step_env, keys, *given) <= numbers * swum + sensed
 
 
-def test_max_cycles_truncates():
-    env = JaxSwarmEnv(2, max_cycles=3)
-    assert env.max_steps == 3
-    *_, step = lives(env, jax.random.key(0), 7)
-    assert step.truncated.all((1, 2)).tolist() == [False, False, True, False, False, True, False]
-
-
 def test_a_reward_can_be_differentiated_by_where_a_cell_began():
     env = JaxSwarmEnv(1)
     _, state = env.reset(jax.random.key(0))
@@ -193,16 +188,16 @@ def test_what_jax_cannot_serve_is_refused_in_one_line(settings, error, said):
 @pytest.mark.parametrize(
     ("action", "said"),
     [
-        (jnp.zeros(3), r"action must be whole numbers \(2,\), got \(3,\) of float32"),
-        (jnp.zeros((2, 1), int), r"action must be whole numbers \(2,\), got \(2, 1\) of int32"),
-        ([0, 1], "action must be whole numbers .*, got list"),
+        (jnp.zeros(2), r"actions must be whole numbers from 0 to 1 of shape \(2,\), got float32"),
+        (jnp.zeros((2, 1), int), r"of shape \(2,\), got shape \(2, 1\)"),
+        ([0, 1], r"actions must be whole numbers .*, got list"),
     ],
 )
 def test_an_action_or_a_key_that_is_none_is_refused_when_traced(action, said):
     env = JaxSwarmEnv(2, life=4.0)
     _, state = env.reset(jax.random.PRNGKey(0))
     for step in (env.step, env.step_env):
-        with pytest.raises(TypeError, match=said):
+        with pytest.raises((TypeError, ValueError), match=said):
             step(jax.random.key(0), state, action)
     for key, got in ((None, "None"), (0, r"\(\) of int32")):
         with pytest.raises(TypeError, match=rf"key must be one of jax\.random, .* got {got}"):
@@ -244,10 +239,7 @@ class TestJaxMARL:
         assert list(observation) == list(reward) == env.agents
         assert done["__all__"].sum() == 4
         assert env.observation_space("swimmer_1").contains(observation["swimmer_1"][0, 0])
-        returned = info["returned_episode_returns"][-1]
-        summed = sum(np.asarray(reward[agent][: env.env.max_steps]).sum(0) for agent in env.agents)
-        assert returned.shape == (2, 3)
-        assert np.isfinite(summed).all()
+        assert info["returned_episode_returns"][-1].shape == (2, 3)
         manager = CTRolloutManager(env, batch_size=2, preprocess_obs=False)
         seen, state = manager.batch_reset(jax.random.key(0))
         actions = {agent: jnp.zeros(2, int) for agent in env.agents}

@@ -55,15 +55,10 @@ def face(request):
 class TestPettingZoo:
     """What its suite asks of each of its own environments and their parameters."""
 
-    @pytest.mark.parametrize("kind", ["env", "raw_env"])
-    def test_agents_in_turn(self, face, kind):
+    def test_seeds_states_and_cycles(self, face):
         tests = importlib.import_module("pettingzoo.test")
-        tests.api_test(getattr(face, kind)(), num_cycles=100)
-        tests.seed_test(getattr(face, kind), 100)
-
-    def test_agents_together(self, face):
-        tests = importlib.import_module("pettingzoo.test")
-        tests.parallel_api_test(face.parallel_env(), num_cycles=100)
+        for kind in ("env", "raw_env"):
+            tests.seed_test(getattr(face, kind), 100)
         tests.parallel_seed_test(face.parallel_env, 100)
         tests.state_test(face.env(), face.parallel_env())
         if not {"medium", "first_arrivals"} & face.settings.keys():  # 1000 cycles, and none may end early

@@ -13,6 +13,7 @@ from swarm.envs.stable_baselines3 import SpermSwarmVecEnv
 WORLDS = {
     "clocks of their own": {"varying_speed": True, "life": 3.0},
     "an egg": {"field": "radial", "start_box": ((1.2, 2.5), (-1, 1)), "life": 4.0},
+    "in space": {"torsions": (7.7, 5.7), "curvatures": (5.5, 7.5), "speed": 2.0, "life": 1.0},
     "few decisions": {"max_cycles": 3, "medium": {"uptake": 0.05, "shape": (64, 64)}},
 }
 

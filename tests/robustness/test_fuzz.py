@@ -11,33 +11,9 @@ import xarray as xr
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
+import swarm
 from swarm.envs.torchrl import SwarmEnv
 from swarm.envs.torchrl import worlds as torchrl
-from swarm.physics.crowd.interactions import Contact, Dipole
-from swarm.physics.fields import (
-    DiffusingSource,
-    FunctionField,
-    GaussianPlume,
-    GriddedField,
-    LinearField,
-    MovingSource,
-    RadialField,
-    ReleasedSource,
-    ReleasingSource,
-    ShearedSource,
-)
-from swarm.physics.flows import (
-    DoubleGyre,
-    FunctionFlow,
-    GriddedFlow,
-    OscillatingTaylorGreen,
-    PoiseuilleFlow,
-    ShearFlow,
-    StillWater,
-    TaylorGreen,
-    UniformFlow,
-    Vortex,
-)
 from swarm.physics.starts import draw_noise, draw_starts, noise_of
 from swarm.physics.world import World
 
@@ -54,7 +30,7 @@ def gridded(edges):
         },
         coords={"x": x, "y": y},
     )
-    return GriddedField(data, edges=edges, variable="c"), GriddedFlow(data, edges=edges)
+    return swarm.GriddedField(data, edges=edges, variable="c"), swarm.GriddedFlow(data, edges=edges)
 
 
 def numbers(low, high):
@@ -65,28 +41,30 @@ scales = numbers(0.1, 5.0)
 places = st.tuples(numbers(-3, 12), numbers(-3, 12))
 
 FIELDS = st.one_of(
-    st.builds(LinearField, gradient_scale=scales, offset=numbers(-50, 50)),
-    st.builds(RadialField, gradient_scale=scales, egg_radius=scales),
+    st.builds(swarm.LinearField, gradient_scale=scales, offset=numbers(-50, 50)),
+    st.builds(swarm.RadialField, gradient_scale=scales, egg_radius=scales),
     st.builds(
-        GaussianPlume,
+        swarm.GaussianPlume,
         gradient_scale=scales,
         width=numbers(1, 20),
         egg_position=places,
         egg_radius=st.none() | scales,
     ),
-    st.builds(DiffusingSource, gradient_scale=scales, core=numbers(0.5, 3), egg_position=places),
-    st.just(FunctionField(lambda r: r[..., 0] - 2 * r[..., 1], gradient_scale=2.0, max_gradient=2.24)),
+    st.builds(swarm.DiffusingSource, gradient_scale=scales, core=numbers(0.5, 3), egg_position=places),
+    st.just(swarm.FunctionField(lambda r: r[..., 0] - 2 * r[..., 1], gradient_scale=2.0, max_gradient=2.24)),
     st.sampled_from(["periodic", "clamped"]).map(lambda edges: gridded(edges)[0]),
 )
 speeds = numbers(0.01, 0.8)
 FLOWS = st.one_of(
-    st.just(StillWater()),
-    st.builds(TaylorGreen, speed_scale=speeds, wavenumber=numbers(0.1, 2)),
-    st.builds(UniformFlow, st.tuples(speeds, speeds)),
-    st.builds(ShearFlow, speed_scale=speeds, height=numbers(1, 20)),
-    st.just(PoiseuilleFlow(walls=(-1.0, 12.0))),
-    st.builds(Vortex, speed_scale=speeds, core=numbers(0.3, 5), centre=places, clockwise=st.booleans()),
-    st.just(FunctionFlow(TaylorGreen().velocity, 0.1, 0.1 * np.pi / 10, max_speed=0.1, max_spin=0.032)),
+    st.just(swarm.StillWater()),
+    st.builds(swarm.TaylorGreen, speed_scale=speeds, wavenumber=numbers(0.1, 2)),
+    st.builds(swarm.UniformFlow, st.tuples(speeds, speeds)),
+    st.builds(swarm.ShearFlow, speed_scale=speeds, height=numbers(1, 20)),
+    st.just(swarm.PoiseuilleFlow(walls=(-1.0, 12.0))),
+    st.builds(swarm.Vortex, speed_scale=speeds, core=numbers(0.3, 5), centre=places, clockwise=st.booleans()),
+    st.just(
+        swarm.FunctionFlow(swarm.TaylorGreen().velocity, 0.1, 0.1 * np.pi / 10, max_speed=0.1, max_spin=0.032)
+    ),
     st.sampled_from(["periodic", "clamped"]).map(lambda edges: gridded(edges)[1]),
 )
 NOISE = st.just(0.0) | numbers(0.001, 0.5)
@@ -205,11 +183,13 @@ ONE_LINE = re.compile(r"[^\n]+ must [^\n]+, got [^\n]+")
 eggs = {"egg_position": places, "egg_radius": st.none() | numbers(0.2, 1.0)}
 sources = {"strength": scales, "offset": numbers(0, 5)}
 SHARED_FIELDS = st.one_of(
-    st.builds(LinearField, gradient_scale=scales, offset=numbers(5, 50)),
-    st.builds(GaussianPlume, gradient_scale=scales, width=numbers(0.5, 5), egg_radius=st.just(0.5)),
-    st.builds(ReleasedSource, age=numbers(5, 40), dimensions=st.sampled_from([2, 3]), **eggs, **sources),
+    st.builds(swarm.LinearField, gradient_scale=scales, offset=numbers(5, 50)),
+    st.builds(swarm.GaussianPlume, gradient_scale=scales, width=numbers(0.5, 5), egg_radius=st.just(0.5)),
     st.builds(
-        ReleasingSource,
+        swarm.ReleasedSource, age=numbers(5, 40), dimensions=st.sampled_from([2, 3]), **eggs, **sources
+    ),
+    st.builds(
+        swarm.ReleasingSource,
         age=numbers(5, 40),
         core=numbers(0.2, 0.45),
         dimensions=st.sampled_from([2, 3]),
@@ -217,15 +197,21 @@ SHARED_FIELDS = st.one_of(
         **sources,
     ),
     st.builds(
-        MovingSource, velocity=st.tuples(speeds, speeds), position=places, core=numbers(0.2, 0.45), **sources
+        swarm.MovingSource,
+        velocity=st.tuples(speeds, speeds),
+        position=places,
+        core=numbers(0.2, 0.45),
+        **sources,
     ),
-    st.builds(ShearedSource, age=numbers(5, 40), core=numbers(0.2, 0.45), **eggs, **sources),
+    st.builds(swarm.ShearedSource, age=numbers(5, 40), core=numbers(0.2, 0.45), **eggs, **sources),
 )
 SHARED_FLOWS = st.one_of(
-    st.just(StillWater()),
-    st.builds(TaylorGreen, speed_scale=speeds, wavenumber=st.just(math.pi / 4)),
-    st.builds(OscillatingTaylorGreen, speed_scale=speeds, phase=numbers(0, 3), frequency=numbers(0.1, 2)),
-    st.builds(DoubleGyre, amplitude=speeds, displacement=numbers(0, 0.4), size=numbers(2, 8)),
+    st.just(swarm.StillWater()),
+    st.builds(swarm.TaylorGreen, speed_scale=speeds, wavenumber=st.just(math.pi / 4)),
+    st.builds(
+        swarm.OscillatingTaylorGreen, speed_scale=speeds, phase=numbers(0, 3), frequency=numbers(0.1, 2)
+    ),
+    st.builds(swarm.DoubleGyre, amplitude=speeds, displacement=numbers(0, 0.4), size=numbers(2, 8)),
 )
 amounts = st.just(0.0) | numbers(0.001, 0.5)
 MEDIA = st.fixed_dictionaries(
@@ -243,9 +229,9 @@ MEDIA = st.fixed_dictionaries(
         "substeps": st.sampled_from([None, 1, 3]),
     }
 )
-CONTACTS = st.builds(Contact, diameter=numbers(0.05, 0.15), stiffness=numbers(100, 300))
+CONTACTS = st.builds(swarm.Contact, diameter=numbers(0.05, 0.15), stiffness=numbers(100, 300))
 DIPOLES = st.builds(
-    Dipole,
+    swarm.Dipole,
     strength=numbers(-0.25, 0.25),
     core=st.just(0.0) | numbers(0.2, 0.5),
     geometry=st.sampled_from(["film", "bulk"]),
@@ -317,7 +303,7 @@ NEAREST = 3.0  # in a crowd, of the v/μK by which two cells head on come nearer
 
 def check_apart(world, state):
     """No pair is much nearer than two that head for each other, pushed by their dipoles too."""
-    contacts = [each for each in world.interactions if isinstance(each, Contact)]
+    contacts = [each for each in world.interactions if isinstance(each, swarm.Contact)]
     spread = 1.0 if world.spread is None else world.spread.largest[0]
     fastest = spread * max(world.action_speeds) + sum(
         getattr(each, "speed_scale", 0) for each in world.interactions

@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from gymnasium.spaces import Box
 from jax.custom_batching import custom_vmap
 
-from swarm._support.arrays import join
-from swarm._support.checks import check_count, check_name
-from swarm.envs.arena import make_world, told, with_parameters
-from swarm.envs.spaces import action_space
-from swarm.physics.motion.arc import Pose
+from swarm._support.arrays import join, where_chosen
+from swarm._support.checks import check_count, check_name, optional
+from swarm.envs.face import make_world, with_parameters
+from swarm.envs.spaces import action_space, observation_space, of_shape, told
+from swarm.physics.motion.arc import Pose, components
 from swarm.physics.motion.swimmer import Way
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import State, World
@@ -77,12 +76,11 @@ class JaxSwarmEnv:
     ) -> None:
         self.world = make_world(world, parameters)
         self.n_swimmers = check_count("n_swimmers", n_swimmers)
-        self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
+        self.max_cycles = optional(check_count)("max_cycles", max_cycles)
         self.dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
         if dtype == "float64" and not jax.config.jax_enable_x64:
             raise ValueError("dtype must be 'float32' unless jax_enable_x64 is on, got 'float64'")
-        bounds = self.world.observation_bounds
-        self.single_observation_space = Box(-bounds, bounds, dtype=np.float32)
+        self.single_observation_space = observation_space(self.world)
         self.single_action_space = action_space(self.world)
         self._reset, self._step = _whole(self._begun), _whole(self._stepped)
         draw_starts(self.world, self.n_swimmers, 0)  # raises where the box leaves no room
@@ -103,14 +101,14 @@ class JaxSwarmEnv:
     def step(self, key: Array, state: EnvState, action: Array) -> Step:
         """One decision of every cell, `action` (cells,) whole numbers 0 … m − 1, or curvatures (cells,) or
         (cells, 1) where these are the actions; where all have finished, the next life begins. Raises
-        TypeError for an action of another shape or kind; its values are not looked at.
+        TypeError for an action of another kind, ValueError of another shape; its values are not looked at.
         """
-        return self._step(_typed(key), state, self._checked(action))
+        return self._step(_typed(key), state, of_shape(self.world, action, (self.n_swimmers,)))
 
     @functools.partial(jax.jit, static_argnums=0)
     def step_env(self, key: Array, state: EnvState, action: Array) -> Step:
         """`step` that leaves finished worlds as they are; it can be differentiated."""
-        return self._advanced(_typed(key), state, self._checked(action))
+        return self._advanced(_typed(key), state, of_shape(self.world, action, (self.n_swimmers,)))
 
     def render(self, state: EnvState) -> np.ndarray:
         """A picture (720, 960, 3) uint8 of one world."""
@@ -119,18 +117,6 @@ class JaxSwarmEnv:
         viewer = Viewer(self.world)
         viewer.follow(state.cells.each(np.asarray))
         return viewer.picture()
-
-    def _checked(self, action: Array) -> Array:
-        """An action of one world; raises TypeError unless it has the shape and the kind of one."""
-        shapes = [(self.n_swimmers,), *([(self.n_swimmers, 1)] if self.world.is_continuous else [])]
-        kind, name = (
-            (jnp.floating, "curvatures") if self.world.is_continuous else (jnp.integer, "whole numbers")
-        )
-        shape, dtype = (getattr(action, each, None) for each in ("shape", "dtype"))
-        if shape not in shapes or not jnp.issubdtype(dtype, kind):
-            got = type(action).__name__ if shape is None else f"{shape} of {dtype}"
-            raise TypeError(f"action must be {name} {' or '.join(map(str, shapes))}, got {got}")
-        return action
 
     # --- arrays with any leading axes: worlds ---------------------------------------------------------------
 
@@ -146,7 +132,7 @@ class JaxSwarmEnv:
 
         def begin(kept: tuple[Array, EnvState]) -> tuple[Array, EnvState]:
             fresh = self._begun(_each(lambda one: jax.random.fold_in(one, 1), key))
-            return jax.tree.map(functools.partial(_where, over), fresh, kept)
+            return jax.tree.map(functools.partial(where_chosen, over), fresh, kept)
 
         last = step.observation, step.state
         observation, after = jax.lax.cond(jnp.any(over), begin, lambda kept: kept, last)
@@ -156,8 +142,6 @@ class JaxSwarmEnv:
     def _advanced(self, key: Array, state: EnvState, action: Array) -> Step:
         world, alive = self.world, ~state.cells.finished
         noise = _each(lambda one: self._noise(jax.random.fold_in(one, 0)), key) if world.has_noise else None
-        if world.is_continuous and action.ndim > alive.ndim:
-            action = action[..., 0]
         cells, outcome = world.step(state.cells, action, noise, self._way(state.cells, action, noise))
         decision = state.decision + 1
         terminated, truncated = outcome.terminated & alive, outcome.truncated & alive
@@ -179,12 +163,12 @@ class JaxSwarmEnv:
 
         def swum() -> tuple[Array, ...]:
             pose, path, _ = self.world.way(cells, action, noise)
-            return *_columns(pose.position), *_columns(pose.heading), path
+            return *components(pose.position), *components(pose.heading), path
 
         def stood() -> tuple[Array, ...]:
             way = jax.eval_shape(swum)[-1]
             path = None if way is None else jnp.broadcast_to(cells.position, way.shape)
-            return *_columns(cells.position), *_columns(cells.heading), path
+            return *components(cells.position), *components(cells.heading), path
 
         *columns, path = jax.lax.cond(_all_over(cells.finished), stood, swum)
         place, heading = columns[: self.world.dimensions], columns[self.world.dimensions :]
@@ -273,21 +257,11 @@ def _typed(key: Array) -> Array:
     return key if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(key)
 
 
-def _columns(vector: Array) -> list[Array]:
-    """The numbers (...) of vectors (..., n)."""
-    return [vector[..., i] for i in range(vector.shape[-1])]
-
-
 def _each(function: Callable[[Array], Any], key: Array) -> Any:
     """What a function of one key gives of keys (...)."""
     for _ in range(key.ndim):
         function = jax.vmap(function)
     return function(key)
-
-
-def _where(chosen: Array, new: Array, old: Array) -> Array:
-    """`new` (worlds, ...) where the world is chosen (worlds,), else `old`."""
-    return jnp.where(jnp.reshape(chosen, (*chosen.shape, *(1,) * (new.ndim - chosen.ndim))), new, old)
 
 
 @custom_vmap

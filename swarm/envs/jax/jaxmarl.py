@@ -62,23 +62,19 @@ class JaxMARLSwarm(MultiAgentEnv):
         return self._dictionaries(self.env.step_env(key, state, self._stacked(actions)))
 
     def get_obs(self, state: EnvState) -> ByAgent:
-        """Observations by agent."""
         return self._by_agent(self.env.world.observation(state.cells))
 
     def get_avail_actions(self, state: EnvState) -> ByAgent:
-        """Every action, always."""
         count = 1 if self.env.world.is_continuous else self.env.world.n_actions
         every = jnp.ones((self.num_agents, count), bool)
         return self._by_agent(every)
 
     @property
     def name(self) -> str:
-        """The name of the environment."""
         return "sperm_swarm"
 
     @property
     def agent_classes(self) -> dict[str, list[str]]:
-        """The only class, and its agents."""
         return {"swimmers": self.agents}
 
     def _stacked(self, actions: ByAgent) -> Array:

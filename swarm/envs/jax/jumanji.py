@@ -15,8 +15,8 @@ import numpy as np
 from jumanji import Environment, specs
 from jumanji.types import StepType, TimeStep, restart
 
-from swarm.envs.arena import told
 from swarm.envs.jax.env import EnvState, JaxSwarmEnv
+from swarm.envs.spaces import told
 
 Array = Any
 
@@ -79,12 +79,10 @@ class JumanjiSwarm(Environment):
         return JumanjiState(step.state, key), time_step
 
     def render(self, state: JumanjiState) -> np.ndarray:
-        """A picture (720, 960, 3) uint8."""
         return self.env.render(state.env)
 
     @cached_property
     def observation_spec(self) -> specs.Spec:
-        """Of `Observation`."""
         box, cells = self.env.single_observation_space, self.num_agents
         shape = cells, *box.shape
         low, high = (np.broadcast_to(each, shape) for each in (box.low, box.high))
@@ -105,12 +103,10 @@ class JumanjiSwarm(Environment):
 
     @cached_property
     def reward_spec(self) -> specs.Array:
-        """A reward for every cell."""
         return specs.Array((self.num_agents,), jnp.float32, "reward")
 
     @cached_property
     def discount_spec(self) -> specs.BoundedArray:
-        """A discount for every cell."""
         return specs.BoundedArray((self.num_agents,), jnp.float32, 0.0, 1.0, "discount")
 
     def _observation(self, view: Array, state: EnvState) -> Observation:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,17 +10,20 @@ import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
+from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from swarm._support import streams
-from swarm._support.arrays import where_chosen
-from swarm._support.checks import check_count, check_flag, check_name
-from swarm.envs.arena import RENDER_FPS, RENDER_MODES, make_world, no_medium, told, with_parameters
-from swarm.envs.torchrl.specs import checked, specs_of
-from swarm.envs.torchrl.worlds import Worlds
+from swarm._support.checks import check_count, check_flag, check_name, optional
+from swarm._support.compiler import compiled
+from swarm.envs.face import RENDER_FPS, RENDER_MODES, make_world, no_medium, with_parameters
+from swarm.envs.spaces import checked, state_bounds, told
+from swarm.envs.torchrl import worlds
+from swarm.envs.torchrl.worlds import DTYPES, Worlds, decision, placed
 from swarm.physics.world import World
 
 GROUP = "swimmers"
+ENDS = ("done", "terminated", "truncated")
 
 
 class SwarmEnv(Worlds, EnvBase):
@@ -62,22 +66,26 @@ class SwarmEnv(Worlds, EnvBase):
     ) -> None:
         if seed is not None and seeds is not None:
             raise ValueError(f"seed must be left out where seeds are given, got {seed} beside {seeds}")
-        self._set_up(
-            make_world(world, parameters),
-            (n_worlds, n_swimmers),
-            device,
-            dtype=dtype,
-            max_cycles=max_cycles,
-            seeds=seeds if seed is None else [seed],
-            population=population,
-            first=first,
-            compile_step=compile_step,
-        )
-        super().__init__(device=device, batch_size=torch.Size([self.n_worlds]))
+        self.world = make_world(world, parameters)
+        shape = check_count("n_worlds", n_worlds), check_count("n_swimmers", n_swimmers)
+        self.n_worlds, self.n_swimmers = shape
+        self.max_cycles = optional(check_count)("max_cycles", max_cycles)
+        self.float_dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
+        self.population, self.first = population, check_count("first", first, at_least=0)
+        wrap = compiled if compile_step else functools.partial
+        self._decide = wrap(decision, self.world)
+        self._place = placed(device)
+        few = n_worlds * n_swimmers <= worlds.NUMPY_CELLS
+        self._in_numpy = few and self._place.type == "cpu" and not compile_step
+        given = seeds if seed is None else [seed]
+        self.set_seeds([streams.entropy()] if given is None else given)
+        self._drawn = given is None
+        super().__init__(device=device, batch_size=torch.Size([n_worlds]))
         self.return_state = check_flag("return_state", return_state)
-        specs = specs_of(self.world, (self.n_worlds, self.n_swimmers), GROUP, self._place, return_state)
+        specs = specs_of(self.world, shape, self._place, return_state)
         self.observation_spec, self.action_spec, self.reward_spec, self.done_spec = specs
-        self._terminated = torch.zeros(n_worlds, n_swimmers, 1, dtype=torch.bool, device=self._place)
+        self._terminated = torch.zeros(*shape, 1, dtype=torch.bool, device=self._place)
+        self._last: Any = 0  # actions (worlds, cells)
         self._viewers: dict[tuple[str, int], Any] = {}
 
     # --- what multi-agent code reads ------------------------------------------------------------------------
@@ -112,13 +120,11 @@ class SwarmEnv(Worlds, EnvBase):
         check_name("mode", mode, RENDER_MODES)
         if check_count("env_index", env_index, at_least=0) >= self.n_worlds:
             raise ValueError(f"env_index must be below {self.n_worlds}, got {env_index}")
-        if self._state is None:
-            raise RuntimeError("restart() or reset() must come before render()")
-        key = mode, env_index
+        state, key = self._begun, (mode, env_index)
         if key not in self._viewers:
             self._viewers[key] = Viewer(self.world, window=mode == "human", fps=RENDER_FPS)
         viewer = self._viewers[key]
-        viewer.follow(self._state.each(lambda array: np.asarray(self._tensor(array)[env_index].cpu())))
+        viewer.follow(state.each(lambda array: np.asarray(self._tensor(array)[env_index].cpu())))
         return viewer.picture() if mode == "rgb_array" else None
 
     def __getattr__(self, name: str) -> Any:
@@ -129,25 +135,21 @@ class SwarmEnv(Worlds, EnvBase):
     # --- TensorDicts: what TorchRL asks for -----------------------------------------------------------------
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDict:
-        worlds = None
+        fresh = torch.ones(self.n_worlds, dtype=torch.bool, device=self._place)
         if tensordict is not None and "_reset" in tensordict.keys():  # noqa: SIM118
-            worlds = tensordict["_reset"].reshape(self.n_worlds).cpu().numpy()
-        observation = self.restart(worlds)
-        assert self._state is not None
-        done = self._tensor(self._state.finished)[..., None]
-        chosen = np.ones(self.n_worlds, bool) if worlds is None else worlds
-        fresh = torch.as_tensor(chosen, device=self._place)
-        self._terminated = where_chosen(fresh, torch.zeros_like(done), self._terminated)
-        return self._pack(observation, self.gain(), done)
+            fresh = tensordict["_reset"].reshape(self.n_worlds)
+        observation = self.restart(fresh.cpu().numpy())
+        self._terminated = self._terminated & ~fresh[:, None, None]
+        return self._pack(observation, self.gain())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         action = checked(self.world, tensordict[GROUP, "action"], (self.n_worlds, self.n_swimmers))
+        if self.return_state:  # in which those who have finished keep their last curvature
+            action = self._last = torch.where(self._tensor(self._begun.finished), self._last, action)
         result, gain = self._advance(action)
-        assert self._state is not None
-        done = self._tensor(self._state.finished)[..., None]
         if self.world.egg is not None:
             self._terminated = self._terminated | result.terminated[..., None]
-        out = self._pack(result.observation, gain, done)
+        out = self._pack(result.observation, gain)
         out[GROUP]["reward"] = result.reward[..., None].to(torch.float32)
         return out
 
@@ -159,10 +161,11 @@ class SwarmEnv(Worlds, EnvBase):
         if seed is not None:  # without one, the episodes of the seed in use go on
             self.set_seeds([seed])
 
-    def _pack(self, observation: Tensor, gain: Tensor, done: Tensor) -> TensorDict:
+    def _pack(self, observation: Tensor, gain: Tensor) -> TensorDict:
+        state = self._begun
+        done = self._tensor(state.finished)[..., None]
         flags = {"done": done, "terminated": self._terminated, "truncated": done & ~self._terminated}
-        assert self._state is not None
-        found = {name: self._tensor(each) for name, each in told(self.world, self._state).items()}
+        found = {name: self._tensor(each) for name, each in told(self.world, state).items()}
         floats = {name: each.float() for name, each in found.items() if each.is_floating_point()}
         parts = {name: each[..., None] for name, each in ({"gain": gain.float()} | found | floats).items()}
         everyone = _all_cells(done)
@@ -172,11 +175,43 @@ class SwarmEnv(Worlds, EnvBase):
             batch_size=(self.n_worlds, self.n_swimmers),
             device=self.device,
         )
-        state = {"state": self._table()} if self.return_state else {}
-        root = state | {GROUP: group, "done": everyone, "terminated": ended, "truncated": everyone & ~ended}
+        table = {"state": self._table()} if self.return_state else {}
+        root = table | {GROUP: group, "done": everyone, "terminated": ended, "truncated": everyone & ~ended}
         return TensorDict(root, batch_size=self.batch_size, device=self.device)
 
 
 def _all_cells(flags: Tensor) -> Tensor:
     """Whether all cells (worlds, cells, 1) are flagged (worlds, 1); to count is faster than to ask."""
     return flags.sum(dim=1, dtype=torch.int32) == flags.shape[1]
+
+
+def specs_of(
+    world: World, shape: tuple[int, int], device: torch.device, with_state: bool
+) -> tuple[Composite, Composite, Composite, Composite]:
+    """What (worlds, cells) cells observe, do and are paid, and the ends of whole worlds, so that there is one
+    key by which they are reset; the ends of cells are observed.
+    """
+    numbers: dict[str, Any] = {"dtype": torch.float32, "device": device}
+    flag: dict[str, Any] = {"dtype": torch.bool, "device": device, "n": 1}
+    bound = torch.as_tensor(world.observation_bounds, device=device).expand(*shape, -1)
+
+    def grouped(**specs: Any) -> Composite:
+        return Composite({GROUP: Composite(specs, shape=shape)}, shape=shape[:1])
+
+    told = ["gain"] + ["eaten"] * (world.medium is not None)
+    told += ["arrival_time"] * (world.first_arrivals is not None)
+    observation = grouped(
+        observation=Bounded(-bound, bound, shape=bound.shape, **numbers),
+        **{name: Unbounded(shape=(*shape, 1), **numbers) for name in told},
+        **{name: Binary(shape=(*shape, 1), **flag) for name in ENDS},
+        **({} if world.first_arrivals is None else {"won": Binary(shape=(*shape, 1), **flag)}),
+    )
+    if with_state:
+        observation["state"] = Unbounded(shape=(*shape, len(state_bounds(world)[0])), **numbers)
+    if world.action_range is None:
+        action: Any = Categorical(world.n_actions, shape=shape, dtype=torch.int64, device=device)
+    else:
+        action = Bounded(*world.action_range, shape=(*shape, 1), **numbers)
+    ends = {name: Binary(shape=(shape[0], 1), **flag) for name in ENDS}
+    reward = grouped(reward=Unbounded(shape=(*shape, 1), **numbers))
+    return observation, grouped(action=action), reward, Composite(ends, shape=shape[:1])

@@ -12,9 +12,7 @@ from torch import Tensor
 
 from swarm._support import streams
 from swarm._support.arrays import namespace, where_chosen
-from swarm._support.checks import check_count, check_name
-from swarm._support.compiler import compiled
-from swarm.envs.arena import no_medium
+from swarm.envs.face import no_medium
 from swarm.envs.spaces import state_table
 from swarm.physics.starts import Draws, draw_shared, noise_of
 from swarm.physics.world import Outcome, State, World
@@ -38,35 +36,19 @@ class Transition(NamedTuple):
 class Worlds:
     """Worlds (worlds, cells, ...) that begin and decide together; what the trainer uses of `SwarmEnv`."""
 
-    def _set_up(
-        self,
-        world: World,
-        shape: tuple[int, int],
-        device: torch.device | str | None,
-        *,
-        dtype: str,
-        max_cycles: int | None,
-        seeds: Sequence[int] | None,
-        population: streams.Population,
-        first: int,
-        compile_step: bool,
-    ) -> None:
-        self.world = world
-        self.n_worlds = check_count("n_worlds", shape[0])
-        self.n_swimmers = check_count("n_swimmers", shape[1])
-        self.max_cycles = None if max_cycles is None else check_count("max_cycles", max_cycles)
-        self.float_dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
-        self.population, self.first = population, check_count("first", first, at_least=0)
-        wrap = compiled if compile_step else functools.partial
-        self._decide: Callable[..., Any] = wrap(_decision, self.world)
-        self._place = _placed(device)
-        few = self.n_worlds * self.n_swimmers <= NUMPY_CELLS
-        self._in_numpy = few and self._place.type == "cpu" and not compile_step
-        self._state: State | None = None  # in the library that computes it
-        self.observation: Tensor | None = None
-        self._gain: Array = None  # in a medium, in which others eat where a cell has finished
-        self.set_seeds([streams.entropy()] if seeds is None else seeds)
-        self._drawn = seeds is None
+    world: World
+    n_worlds: int
+    n_swimmers: int
+    max_cycles: int | None
+    float_dtype: torch.dtype
+    population: streams.Population
+    first: int
+    observation: Tensor | None = None
+    _place: torch.device
+    _in_numpy: bool
+    _decide: Callable[..., Any]
+    _state: State | None = None  # in the library that computes it
+    _gain: Array = None  # in a medium, in which others eat where a cell has finished
 
     @property
     def state(self) -> State | None:
@@ -81,14 +63,18 @@ class Worlds:
         """
         if self.world.medium is None:
             raise no_medium()
+        return self._tensor(self._begun.medium.grid)
+
+    @property
+    def _begun(self) -> State:
+        """The state in the library that computes it; raises RuntimeError before the first restart."""
         if self._state is None:
             raise RuntimeError("restart() or reset() must come first")
-        return self._tensor(self._state.medium.grid)
+        return self._state
 
     def all_finished(self) -> bool:
         """Whether every cell's life has ended."""
-        assert self._state is not None, "restart() must come first"
-        return bool(self._state.finished.all())
+        return bool(self._begun.finished.all())
 
     def set_seeds(self, seeds: Sequence[int]) -> None:
         """Share the worlds out among `seeds`, block after block, and begin with episode 0 at the next
@@ -150,12 +136,11 @@ class Worlds:
 
     def _advance(self, action: Tensor) -> tuple[Transition, Tensor]:
         """What `advance` returns, and the gain."""
-        if self._state is None:
-            raise RuntimeError("restart() or reset() must come before advance()")
+        before = self._begun
         # Not in the compiled part: torch's compiler writes flags byte by byte.
-        valid = ~self._state.finished
+        valid = ~before.finished
         noise = self._noise.at(self.episode, self.decision) if self.world.has_noise else None
-        state, outcome = self._decide(self._state, self._bare(action), noise)
+        state, outcome = self._decide(before, self._bare(action), noise)
         truncated = outcome.truncated
         self.decision[:] += 1
         if self.max_cycles is not None and (over := self.decision >= self.max_cycles).any():
@@ -172,17 +157,14 @@ class Worlds:
 
     def gain(self) -> Tensor:
         """Gain c(t) − c(0) (worlds, cells) so far [concentration]."""
-        assert self._state is not None, "restart() must come first"
+        state = self._begun
         if self.world.medium is not None:
             return self._tensor(self._gain)
-        concentration = self.world.concentration(self._state)
-        return self._tensor(concentration - self._state.start_concentration)
+        return self._tensor(self.world.concentration(state) - state.start_concentration)
 
     def state_dict_of_env(self) -> dict[str, Tensor]:
         """All that is needed to go on from here: the cells' state, the counters, a seed that was drawn."""
-        state = self.state
-        assert state is not None, "restart() must come first"
-        held = state.named("state")
+        held = self._begun.each(self._tensor).named("state")
         held |= {} if self.world.medium is None else {"gain": self._tensor(self._gain)}
         counters = {"episode": self.episode, "decision": self.decision}
         counters |= {"seeds": np.array(self.seeds, np.uint64).view(np.int64)} if self._drawn else {}
@@ -205,8 +187,8 @@ class Worlds:
 
     def _table(self) -> Tensor:
         """The state (worlds, cells, columns) float32 of all cells, see `state_table`."""
-        assert self._state is not None
-        return self._tensor(state_table(self.world, self._state, self.world.curvature(self._state))).float()
+        state = self._begun
+        return self._tensor(state_table(self.world, state, self.world.curvature(state))).float()
 
     def _array(self, values: np.ndarray) -> Array:
         """`values` in the library that computes decisions, real numbers in the environment's precision."""
@@ -224,7 +206,7 @@ class Worlds:
         return torch.from_numpy(array if array.flags.writeable else array.copy())
 
 
-def _placed(device: Any) -> torch.device:
+def placed(device: Any) -> torch.device:
     """The device, on which torch can hold something here."""
     try:
         place = torch.device("cpu" if device is None else device)
@@ -235,7 +217,7 @@ def _placed(device: Any) -> torch.device:
     return place
 
 
-def _decision(world: World, state: State, action: Array, noise: Array | None) -> tuple[State, Outcome]:
+def decision(world: World, state: State, action: Array, noise: Array | None) -> tuple[State, Outcome]:
     """One decision of every cell; those that were done get no reward."""
     after, outcome = world.step(state, action, noise)
     xp, reward = namespace(outcome.reward), outcome.reward
