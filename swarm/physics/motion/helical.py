@@ -16,12 +16,7 @@ import numpy as np
 from swarm._support.arrays import as_array, join, look_up, namespace, polynomial, stacked
 from swarm.physics.flows import Flow
 from swarm.physics.motion.arc import Pose, components
-from swarm.physics.motion.collocation import (
-    Collocation,
-    error_estimate,
-    integral,
-    velocity_and_vorticity,
-)
+from swarm.physics.motion.collocation import Collocation, integral, velocity_and_vorticity
 from swarm.physics.motion.domain import within
 from swarm.physics.motion.helix import (
     CELL,
@@ -47,7 +42,6 @@ Array = Any
 HALF_COSINE = [(-1) ** k / math.factorial(2 * k) for k in range(9)]  # cos h in powers of h²
 HALF_SINE = [(-1) ** k / (2 * math.factorial(2 * k + 1)) for k in range(9)]  # sin(h)/2h
 BENDING = [1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160]  # (1 − h cot h)/4h² in powers of 4h²
-LARGEST_TURN = 1.0  # by the flow, in a substep [rad]
 
 
 @dataclass(frozen=True)
@@ -60,14 +54,7 @@ class HelicalCollocation(Collocation):
     one direction everywhere θ is exact but for quadrature.
     """
 
-    @staticmethod
-    def estimate(flow: Any, turn: float, length: float, duration: float, *scheme: int) -> float:
-        """As in the plane, but no substep may turn the frame far."""
-        spin, substeps = getattr(flow, "max_spin", None), scheme[-1]
-        spin = flow.spin_scale if spin is None else spin
-        if spin * duration / substeps > LARGEST_TURN:
-            return math.inf
-        return error_estimate(flow, turn, length, duration, *scheme)
+    largest_turn = 1.0
 
     def motions(self, arcs: tuple[Array, Array], speed: Array, duration: Array) -> tuple[Array, ...]:
         """Screws (7 of (targets, ...)) from the start of a substep to each target."""
@@ -192,8 +179,8 @@ class HelicalSwimmer(Swimmer):
         radius = curvature / xp.where(turning, square, xp.full_like(square, math.nan))
         return pose.position + frame(pose.heading)[1] * radius[..., None]
 
-    def _closest_approach(
-        self, pose: Pose, arcs: tuple[Array, Array], length: Array, point: Sequence[float]
+    def _meets(
+        self, pose: Pose, arcs: tuple[Array, Array], length: Array, point: Sequence[float], radius: float
     ) -> Array:
         cells = max(1, math.ceil(self._largest()[0] / CELL))
-        return closest_approach(pose, *arcs, length, point, cells)
+        return closest_approach(pose, *arcs, length, point, cells) <= radius

@@ -106,13 +106,6 @@ def rotated(quaternion: Array, vector: Array) -> Array:
     return join(*rotated_parts(components(quaternion), components(vector)))
 
 
-def turned_about(axis: Array, angle: Array) -> Array:
-    """The quaternion (..., 4) of a turn by an angle (...) [rad] about a unit vector (..., 3)."""
-    xp = namespace(angle)
-    sine = xp.sin(0.5 * angle)
-    return join(xp.cos(0.5 * angle), *(sine * part for part in components(axis)))
-
-
 # By component: array libraries are slow on last axes of three and four.
 
 
