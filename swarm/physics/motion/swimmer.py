@@ -215,9 +215,7 @@ class Swimmer:
             return comes_within(path, end.position, *egg)
         return self._meets(before, interval.swum, interval.speed * interval.length, *egg)
 
-    def _meets(
-        self, pose: Pose, arcs: Any, length: Array, point: Sequence[float], radius: float
-    ) -> Array:
+    def _meets(self, pose: Pose, arcs: Any, length: Array, point: Sequence[float], radius: float) -> Array:
         """Whether what is swum in still water (..., cells) comes within a radius of `point`."""
         return namespace(length).isfinite(arrival(pose, arcs, length, point, radius))
 

@@ -46,6 +46,7 @@ class Actions:
     curvature_diffusion: float
     spread: Spread | None
     intervals: Any
+    swimmer: Any
 
     def _check_actions(self) -> None:
         """Raises ValueError where the parameters of actions do not go together."""
@@ -127,8 +128,7 @@ class Actions:
 
     def normal_curvature(self, curvature: Array) -> Array:
         """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""
-        lowest, highest = self.curvatures[0], self.curvatures[-1]
-        return (curvature - 0.5 * (lowest + highest)) * (2 / (highest - lowest))
+        return self.swimmer.normal_curvature(curvature)
 
     @cached_property
     def dimensions(self) -> int:

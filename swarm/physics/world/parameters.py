@@ -40,7 +40,6 @@ from swarm.physics.perception import Memory, MemoryWithFlow, MemoryWithFlowInSpa
 from swarm.physics.rewards import Reward, check_reward
 from swarm.physics.world import rules
 from swarm.physics.world.actions import ACTIONS, Actions, check_range
-from swarm.physics.world.scale import check_scale
 
 Array = Any
 
@@ -124,7 +123,7 @@ class Parameters(Actions, Checked):
         except ArithmeticError:
             raise ValueError(f"flow must vary slowly enough to be followed, got {self.flow!r}") from None
         self._check_company()
-        check_scale(self)
+        rules.check_scale(self)
 
     def _check_company(self) -> None:
         """Raises ValueError where what cells share does not go with the rest."""

@@ -37,20 +37,28 @@ class State(NamedTuple):
 
     def each(self, function: Callable[..., Any], *others: State) -> Self:
         """The state of what `function` makes of each array, together with those of others."""
-        return _each(function, self, *others)
+
+        def made(first: Any, *rest: Any) -> Any:
+            if isinstance(first, tuple):
+                return type(first)(*map(made, first, *rest))
+            return None if first is None else function(first, *rest)
+
+        state: Self = made(self, *others)
+        return state
 
     def named(self, name: str) -> dict[str, Any]:
         """All arrays by name, "name.field" and "name.field.field"."""
-        return _named(self, name)
+        parts = {f"{name}.{field}": part for field, part in self._asdict().items() if part is not None}
+        if medium := parts.pop(f"{name}.medium", None):
+            parts |= {f"{name}.medium.{field}": part for field, part in medium._asdict().items()}
+        return parts
 
     @classmethod
     def of_named(cls, arrays: Mapping[str, Any], name: str) -> Self:
         """The state whose arrays `named` gave."""
         parts = {field: arrays.get(f"{name}.{field}") for field in cls._fields}
         if f"{name}.medium.grid" in arrays:
-            parts["medium"] = MediumState(
-                *(arrays[f"{name}.medium.{field}"] for field in MediumState._fields)
-            )
+            parts["medium"] = MediumState(*(arrays[f"{name}.medium.{f}"] for f in MediumState._fields))
         return cls(**parts)
 
 
@@ -67,26 +75,6 @@ class Outcome(NamedTuple):
     terminated: Array  # (..., cells) bool: reached the egg, or the race is over
     truncated: Array  # (..., cells) bool: out of time, or left the domain
     gain: Array  # (..., cells) c(t) − c(0) [concentration]
-
-
-def _named(part: Any, name: str) -> dict[str, Any]:
-    if part is None:
-        return {}
-    if not isinstance(part, (State, MediumState)):
-        return {name: part}
-    return {
-        key: array
-        for field, each in zip(part._fields, part, strict=True)
-        for key, array in _named(each, f"{name}.{field}").items()
-    }
-
-
-def _each(function: Callable[..., Any], first: Any, *others: Any) -> Any:
-    if first is None:
-        return None
-    if isinstance(first, tuple):
-        return type(first)(*(_each(function, *parts) for parts in zip(first, *others, strict=True)))
-    return function(first, *others)
 
 
 def check_start(world: Parameters, position: Array, heading: Array, past: Array, factors: Array) -> None:
