@@ -166,8 +166,11 @@ class Parameters(Actions, Checked):
     @classmethod
     def in_space(cls, **changes: Any) -> Self:
         """The default world in three dimensions, whose two helices turn opposite ways along the gradient, see
-        `docs/space.md`."""
-        return cls(**{"curvatures": (5.5, 7.5), "torsions": (7.7, 5.7), "speed": 2.0, **changes})
+        `docs/space.md`. Raises ValueError without torsions, which make the plane."""
+        given = {"curvatures": (5.5, 7.5), "torsions": (7.7, 5.7), "speed": 2.0, **changes}
+        if given["torsions"] is None:
+            raise ValueError("torsions must be a number for each of curvatures in space, got None")
+        return cls(**given)
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:

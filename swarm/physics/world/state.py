@@ -77,7 +77,9 @@ class Outcome(NamedTuple):
     gain: Array  # (..., cells) c(t) − c(0) [concentration]
 
 
-def check_start(world: Parameters, position: Array, heading: Array, past: Array, factors: Array) -> None:
+def check_start(
+    world: Parameters, position: Array, heading: Array, past: Array, factors: Array, noise: Array, medium: Any
+) -> None:
     """Raises ValueError on what no life can begin with, see `World.start`."""
     xp = namespace(position)
     cells = tuple(position.shape[:-1])
@@ -95,6 +97,13 @@ def check_start(world: Parameters, position: Array, heading: Array, past: Array,
     if factors is not None and (world.spread is None or factors.shape != position.shape):
         rule = f"factors must be {tuple(position.shape)}, and go with a world that has a spread"
         raise ValueError(f"{rule}, got {tuple(factors.shape)} and spread={world.spread}")
+    if noise is not None and tuple(noise.shape) != tuple(past.shape):
+        raise ValueError(
+            f"noise must be standard normal numbers {tuple(past.shape)}, got {tuple(noise.shape)}"
+        )
+    if medium is not None and (world.medium is None or not isinstance(medium, MediumState)):
+        rule = "medium must be a MediumState, and go with a world that has a medium"
+        raise ValueError(f"{rule}, got {type(medium).__name__} and medium={world.medium}")
     if world.first_arrivals is not None and cells[-1] < world.first_arrivals:
         raise ValueError(
             f"first_arrivals must be at most the number of cells, {cells[-1]}, got {world.first_arrivals}"
@@ -107,6 +116,8 @@ def check_start(world: Parameters, position: Array, heading: Array, past: Array,
         check_cells("heading", "be a unit quaternion (w, x, y, z)", heading, off <= 2 * OFF_UNIT)
     known = xp.all((past >= 0) & (past < world.n_actions), axis=-1)
     check_cells("past", f"hold actions from 0 to {world.n_actions - 1}", past, known)
+    if factors is not None:
+        check_cells("factors", "be positive", factors, xp.all((factors > 0) & xp.isfinite(factors), axis=-1))
     for inside in world.domains:
         rule = "lie inside the domain of the field and the flow"
         check_cells("position", rule, position, inside(position))

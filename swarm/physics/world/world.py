@@ -61,8 +61,7 @@ class World(Parameters):
         whose past holds unknown actions; the cell is named.
         """
         xp = namespace(position)
-        check_start(self, position, heading, past, factors)
-        medium = None if self.medium is None else medium
+        check_start(self, position, heading, past, factors, noise, medium)
         pose = self.swimmer.pose(position, heading)
         position = pose.position
         concentration = self._concentration(position, 0.0, None)
