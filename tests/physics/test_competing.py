@@ -137,6 +137,7 @@ def test_traits_are_the_cells_own_factors_less_one(xp):
     assert (np.abs(to_numpy(world.observation(state))) <= world.observation_bounds).all()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:`torch.jit:DeprecationWarning")  # torch's compiler uses it itself
 def test_torch_compiles_what_neighbours_are_seen_in_one_piece():
     torch = pytest.importorskip("torch")
@@ -193,11 +194,6 @@ def test_a_race_ends_for_all_when_enough_have_arrived_and_who_comes_within_the_d
     assert ends - world.intervals[0] < closes <= ends
     arrived = np.isfinite(last.arrival_time)
     np.testing.assert_array_equal(last.arrival_time[arrived], times[arrived])
-
-
-def test_more_arrivals_than_cells_are_refused():
-    with pytest.raises(ValueError, match="first_arrivals must be at most the number of cells, 2, got 3"):
-        start(World(field=RadialField(), first_arrivals=3), 2)
 
 
 # --- cells by chance ----------------------------------------------------------------------------------------
