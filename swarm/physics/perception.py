@@ -132,7 +132,8 @@ class MemoryWithFlow(Memory):
                 (getattr(flow, "max_spin", None), flow.spin_scale),
             )
         )
-        return *super().bounds(world), speed, speed, spin
+        axes = world.dimensions
+        return *super().bounds(world), *axes * [speed], *(2 * axes - 3) * [spin]
 
 
 @SENSORS.register("memory_with_flow_in_space")
@@ -151,11 +152,6 @@ class MemoryWithFlowInSpace(MemoryWithFlow):
         scales = 3 * [1 / world.flow.speed_scale] + 3 * [0.5 / world.flow.spin_scale]
         sensed = (each * scale for each, scale in zip(found, scales, strict=True))
         return *Memory.record(self, world, time, situation), *sensed
-
-    def bounds(self, world: World) -> Sequence[float]:
-        """The flow's own bounds."""
-        *plain, speed, _, spin = super().bounds(world)
-        return *plain[:2], *3 * [speed], *3 * [spin]
 
 
 @SENSORS.register("memory_with_traits")

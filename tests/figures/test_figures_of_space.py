@@ -46,8 +46,8 @@ def halfway(results, world):
     before, bend = (results[name].values[0] for name in ("heading", "curvature"))
     pose = Pose(results["position"].values[0, :, 1].astype(float), before[:, 1].astype(float))
     wait = np.diff(results["time"].values[0, :, 1:3])[:, 0]
-    numbers = bend[:, 2].astype(float), results["torsion"].values[0, :, 2].astype(float), world.speed
-    return along_helix(pose, helix(*numbers, 0.5 * wait)).position
+    numbers = bend[:, 2].astype(float), results["torsion"].values[0, :, 2].astype(float)
+    return along_helix(pose, helix(*numbers, world.speed * 0.5 * wait)).position
 
 
 def test_heads_lie_where_the_view_sees_them_and_the_view_turns():
@@ -89,7 +89,7 @@ def test_trails_are_the_helices_that_were_swum_and_meet_where_noise_led():
     quiet, _ = seen()
     third, now = quiet.trail[3], quiet.trail[4].start.position
     way = along_helix(
-        third.start, helix(third.curvature, third.torsion, third.speed, third.duration)
+        third.start, helix(third.curvature, third.torsion, third.speed * third.duration)
     ).position
     np.testing.assert_allclose(way, now, atol=1e-9)
 

@@ -52,7 +52,7 @@ def test_frames_turn_as_matrices_do(xp):
 def test_frames_stay_of_unit_length_in_float32(xp):
     pose = Pose(array(xp, np.zeros((CELLS, 3)), xp.float32), array(xp, rotations(CELLS), xp.float32))
     ones = array(xp, np.ones(CELLS), xp.float32)
-    step = helix.helix(5 * ones, 7 * ones, ones, 0.2 * ones)
+    step = helix.helix(5 * ones, 7 * ones, 0.2 * ones)
     for _ in range(50):
         pose = helix.along_helix(pose, step)
     assert pose.position.dtype == pose.heading.dtype == xp.float32
@@ -72,7 +72,7 @@ def test_the_closest_approach_is_that_of_a_densely_sampled_helix(xp, pair, turn)
     )
     closest = to_numpy(helix.closest_approach(*given, point, cells))
     parts = np.linspace(0, 1, 401)[:, None] * length
-    path = helix.along(pose, helix.screw(curvature, torsion, parts)).position
+    path = helix.along_helix(pose, helix.helix(curvature, torsion, parts)).position
     sampled = np.linalg.norm(path - np.array(point), axis=-1).min(axis=0)
     step = length[0] / 400
     assert np.all(closest <= sampled * (1 + 1e-9))
@@ -206,7 +206,7 @@ def test_swimming_the_past_forward_leads_back_to_the_start(xp, name):
         if world.in_flow:
             here = world.swimmer.swim_back(here, (curvature, torsion), speed, interval)
         else:
-            here = helix.along_helix(here, helix.helix(curvature, torsion, speed, -interval))
+            here = helix.along_helix(here, helix.helix(curvature, torsion, -speed * interval))
     back = start(*(array(xp, each) for each in here), array(xp, past, xp.int64))
     for i in reversed(range(world.n_records)):
         back, _ = step(back, array(xp, past[:, i], xp.int64))
@@ -269,7 +269,7 @@ def test_an_egg_is_reached_on_the_way():
     after, outcome = world.step(state, np.zeros(400, int))
     parts = np.linspace(0, world.intervals[0], 500)[:, None] * np.ones(400)
     arcs = np.full(400, world.curvatures[0]), np.full(400, world.torsions[0])
-    path = helix.along(state.pose, helix.screw(*arcs, 2.0 * parts)).position
+    path = helix.along_helix(state.pose, helix.helix(*arcs, 2.0 * parts)).position
     reached = (np.linalg.norm(path, axis=-1) <= 1).any(axis=0)
     assert reached.sum() > 5
     np.testing.assert_array_equal(outcome.terminated, reached)

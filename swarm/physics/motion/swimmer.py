@@ -90,8 +90,12 @@ class Swimmer:
         wider = (1.0, 1.0) if self.spread is None else self.spread.largest
         lengths = [speed * time for speed, time in zip(self.speeds, self.clock.intervals, strict=True)]
         largest = max(map(abs, self.range or ()), default=0.0)
-        turns = [max(kappa, largest) * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
+        turns = [max(bend, largest) * length for bend, length in zip(self._bends, lengths, strict=True)]
         return max(turns) * wider[0] * wider[1], max(lengths) * wider[0], max(self.clock.intervals)
+
+    @property
+    def _bends(self) -> tuple[float, ...]:
+        return self.curvatures
 
     @cached_property
     def scheme(self) -> Collocation | None:
@@ -113,19 +117,16 @@ class Swimmer:
         """What decisions do, in the array library, dtype and device of `like`."""
 
         def made() -> Tables:
+            action, length = self.clock.columns()
+            curvature, speed = np.asarray(self.curvatures)[action], np.asarray(self.speeds)[action]
+            motion = self._motion(self.arc_of(action, curvature), speed, length)
+            parts = (part.reshape(-1, len(length)) for part in motion)
+            rows = np.vstack([self.normal_curvature(curvature), length, speed, *parts])
             weights = None if self.scheme is None else as_array(self.scheme.weights, like)
-            return Tables(as_array(self._rows(), like), self.clock.ticks(like), weights)
+            return Tables(as_array(rows, like), self.clock.ticks(like), weights)
 
         tables: Tables = kept_for(like, self._tables, made)
         return tables
-
-    def _rows(self) -> np.ndarray:
-        """`Tables.rows` in float64."""
-        action, length = self.clock.columns()
-        curvature, speed = np.asarray(self.curvatures)[action], np.asarray(self.speeds)[action]
-        motion = self._motion(self.arc_of(action, curvature), speed, length)
-        parts = (part.reshape(-1, len(length)) for part in motion)
-        return np.vstack([self.normal_curvature(curvature), length, speed, *parts])
 
     def chosen(self, action: Array, like: Array) -> Array:
         """Curvature (..., cells) of an action, of the kind of `like` [1 / length]."""

@@ -190,10 +190,10 @@ class Actions:
 
     def ends(self, like: Array) -> tuple[Array, Array]:
         """The actions (..., cells) that take κ₁ and κ_m."""
-        full = namespace(like).full_like
-        if self.is_continuous:
-            return full(like, self.curvatures[0]), full(like, self.curvatures[-1])
-        return full(like, 0), full(like, self.n_actions - 1)
+        low, high = (
+            (self.curvatures[0], self.curvatures[-1]) if self.is_continuous else (0, self.n_actions - 1)
+        )
+        return namespace(like).full_like(like, low), namespace(like).full_like(like, high)
 
     def is_action(self, values: Array) -> Array:
         """Whether values (...) of the right kind are actions."""

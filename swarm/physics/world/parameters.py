@@ -95,7 +95,9 @@ class Parameters(Actions, Checked):
     action: str = parameter("discrete", check_name, known=ACTIONS)
     curvature_range: tuple[float, float] | None = parameter(None, optional(check_range))  # [1 / length]
     # of each action, with its curvature: cells swim helices in space; None: in the plane [1 / length]
-    torsions: tuple[float, ...] | None = parameter(None, optional(rules.check_torsions))
+    torsions: tuple[float, ...] | None = parameter(
+        None, optional(rules.check_numbers), rule="a number for each of curvatures"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

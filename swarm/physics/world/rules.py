@@ -79,11 +79,11 @@ NOT_IN_SPACE = {
 }
 
 
-def check_torsions(name: str, values: Any) -> tuple[float, ...]:
+def check_numbers(name: str, values: Any, *, rule: str) -> tuple[float, ...]:
     try:
         return tuple(check_number(name, value) for value in values)
     except TypeError:
-        raise TypeError(f"{name} must be a number for each of curvatures, got {values!r}") from None
+        raise TypeError(f"{name} must be {rule}, got {values!r}") from None
 
 
 def check_dimensions(world: Any) -> None:
@@ -126,10 +126,7 @@ def _check_probe(flow: Flow, place: list[float]) -> None:
 
 
 def check_curvatures(name: str, values: Any) -> tuple[float, ...]:
-    try:
-        curvatures = tuple(check_number(name, value) for value in values)
-    except TypeError:
-        raise TypeError(f"{name} must be two or more numbers, got {values!r}") from None
+    curvatures = check_numbers(name, values, rule="two or more numbers")
     if len(curvatures) < 2:
         raise ValueError(f"{name} must be two or more numbers, got {values!r}")
     steps = np.diff(curvatures)
