@@ -34,7 +34,7 @@ from swarm.physics.motion.helix import (
     tangent_parts,
     unit_quaternion,
 )
-from swarm.physics.motion.swimmer import Interval, Swimmer
+from swarm.physics.motion.swimmer import Interval, Swimmer, Way
 
 Array = Any
 
@@ -175,8 +175,11 @@ class HelicalSwimmer(Swimmer):
         radius = curvature / xp.where(turning, square, xp.full_like(square, math.nan))
         return pose.position + frame(pose.heading)[1] * radius[..., None]
 
-    def _meets(
-        self, pose: Pose, arcs: tuple[Array, Array], length: Array, point: Sequence[float], radius: float
-    ) -> Array:
+    def comes_within(self, before: Pose, way: Way, egg: tuple[Any, float]) -> Array:
+        """As in the plane."""
+        if way.path is not None:
+            return super().comes_within(before, way, egg)
+        (centre, radius), interval = egg, way.interval
         cells = max(1, math.ceil(self._largest()[0] / CELL))
-        return closest_approach(pose, *arcs, length, point, cells) <= radius
+        length = interval.speed * interval.length
+        return closest_approach(before, *interval.swum, length, centre, cells) <= radius

@@ -24,6 +24,7 @@ from swarm.physics.motion.arc import (
     along_arc,
     arc,
     arrival,
+    arrival_on,
     centre_of_curvature,
     comes_within,
     components,
@@ -208,17 +209,19 @@ class Swimmer:
         """Centre of the circle (..., cells, 2) that cells swim on."""
         return centre_of_curvature(pose, arcs)
 
-    def comes_within(
-        self, before: Pose, interval: Interval, end: Pose, path: Array | None, egg: tuple[Any, float]
-    ) -> Array:
-        """Whether cells (..., cells) come to an egg (position, radius) on their way to a pose."""
-        if path is not None:
-            return comes_within(path, end.position, *egg)
-        return self._meets(before, interval.swum, interval.speed * interval.length, *egg)
+    def arrival(self, before: Pose, way: Way, egg: tuple[Any, float]) -> Array:
+        """The part (..., cells) of a way at which cells come to an egg (position, radius), else infinite."""
+        if way.path is not None:
+            return arrival_on(way.path, before.position, way.pose.position, *egg)
+        interval = way.interval
+        return arrival(before, interval.swum, interval.speed * interval.length, *egg)
 
-    def _meets(self, pose: Pose, arcs: Any, length: Array, point: Sequence[float], radius: float) -> Array:
-        """Whether what is swum in still water (..., cells) comes within a radius of `point`."""
-        return namespace(length).isfinite(arrival(pose, arcs, length, point, radius))
+    def comes_within(self, before: Pose, way: Way, egg: tuple[Any, float]) -> Array:
+        """Whether cells (..., cells) come to an egg (position, radius) on their way."""
+        if way.path is not None:
+            return comes_within(way.path, way.pose.position, *egg)
+        found = self.arrival(before, way, egg)
+        return namespace(found).isfinite(found)
 
     def swim(self, pose: Pose, interval: Interval, time: Array = None) -> tuple[Pose, Array | None]:
         """The pose after an interval that begins at `time` (..., cells), which only a flow that changes

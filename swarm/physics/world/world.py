@@ -19,7 +19,7 @@ from swarm._support.arrays import as_array, look_up, namespace, nowhere
 from swarm._support.checks import check_cells
 from swarm.physics import perception
 from swarm.physics.crowd.binding import counted
-from swarm.physics.motion.arc import Pose, arrival, arrival_on, components, turned, unit
+from swarm.physics.motion.arc import Pose, components, turned, unit
 from swarm.physics.motion.clock import frozen
 from swarm.physics.motion.domain import kept
 from swarm.physics.motion.swimmer import Interval, Way
@@ -96,7 +96,7 @@ class World(Parameters):
             sensed = self._concentration(pose.position, 0.0, medium)
             if self.concentration_noise > 0 and noise is not None:
                 sensed = sensed + self.concentration_noise * noise[..., i]
-            records.append(self._record(pose, sensed, self.normal_curvature(curvature), *cells, alone=i > 0))
+            records.append(self._record(pose, sensed, self.normal_curvature(curvature), cells, alone=i > 0))
             if i < self.n_records - 1:
                 if (factors := cells[-1]) is not None:
                     speed, curvature = speed * factors[..., 0], curvature * factors[..., 1]
@@ -121,7 +121,7 @@ class World(Parameters):
             xp = namespace(noise)
             turn = noise[..., 2] * (2 * self.rotational_diffusion * interval.length) ** 0.5
             pose = Pose(pose.position, unit(*turned(components(pose.heading), xp.cos(turn), xp.sin(turn))))
-        swum, (pose, left) = pose, kept(self.domains, pose, pose_of(state))
+        swum, (pose, left) = Way(pose, path, interval), kept(self.domains, pose, pose_of(state))
         now = self._moment(interval.count, pose.position)
         concentration = sensed = self._concentration(pose.position, now, medium)
         if self.concentration_noise > 0:
@@ -129,10 +129,11 @@ class World(Parameters):
         if self.binding_rate is not None:
             mean = self._mean_concentration(state, interval, pose, medium)
             sensed = counted(noise[..., NOISE_CHANNELS], mean, self.binding_rate * interval.length)
-        newest = self._record(pose, sensed, interval.curvature, state.finished, interval.count, state.factors)
+        cells = state.finished, interval.count, state.factors
+        newest = self._record(pose, sensed, interval.curvature, cells)
         memory, observation = perception.renew(state.memory, newest)
-        arrival_time = self._arrival_time(state, interval, swum, path)
-        terminated, truncated, finished = self._ends(state, interval, swum, path, left, medium, arrival_time)
+        arrival_time = None if self.race is None else self._arrival_time(state, swum)
+        terminated, truncated, finished = self._ends(state, swum, left, medium, arrival_time)
         first = state.start_concentration
         after = State(*pose, memory, interval.count, first, finished, state.factors, arrival_time, medium)
         ends = terminated, truncated, concentration - first
@@ -242,20 +243,13 @@ class World(Parameters):
             mean = mean + weight * self._concentration(place.position, time, medium)
         return mean
 
-    def _arrival_time(self, state: State, interval: Interval, pose: Pose, path: Array | None) -> Array:
-        """When cells (..., cells) came to the egg [time], found on the way; None where nobody races."""
-        if self.race is None or self.egg is None:
-            return None
-        centre, radius = self.egg
-        if path is None:
-            length = interval.speed * interval.length
-            part = arrival(pose_of(state), interval.swum, length, centre, radius)
-        else:
-            part = arrival_on(path, state.position, pose.position, centre, radius)
+    def _arrival_time(self, state: State, way: Way) -> Array:
+        """When cells (..., cells) came to the egg [time], found on the way; infinite for who did not."""
+        part = self.swimmer.arrival(pose_of(state), way, self.egg)
         xp = namespace(part)
         there = xp.isfinite(part) & ~state.finished
         safe = xp.where(there, part, xp.zeros_like(part))
-        came = self.clock.time(state.clock, pose.position) + safe * interval.length
+        came = self.time(state) + safe * way.interval.length
         return xp.where(there, came, state.arrival_time)
 
     def observation(self, state: State) -> Array:
@@ -279,17 +273,10 @@ class World(Parameters):
         return self.medium is not None and self.medium.leaving == "follow"
 
     def _record(
-        self,
-        pose: Pose,
-        concentration: Array,
-        curvature: Array,
-        finished: Array,
-        count: Array,
-        factors: Array,
-        *,
-        alone: bool = False,
+        self, pose: Pose, concentration: Array, curvature: Array, cells: Sequence[Array], alone: bool = False
     ) -> Sequence[Array]:
-        """What the sensor records."""
+        """What the sensor records; of `cells` it is known who has finished, their count and factors."""
+        finished, count, factors = cells
         time = self.clock.time(count, pose.position) if self._needs_time else None
         situation = Situation(*pose, concentration, curvature, finished, factors, alone)
         return self.sensor.record(self, time, situation)
@@ -299,27 +286,21 @@ class World(Parameters):
         return bool(getattr(self.sensor, "needs_time", False)) or not self.is_steady
 
     def _ends(
-        self,
-        state: State,
-        interval: Interval,
-        pose: Pose,
-        path: Array | None,
-        left: Array | None,
-        medium: Any,
-        arrival_time: Array,
+        self, state: State, way: Way, left: Array | None, medium: Any, arrival_time: Array
     ) -> tuple[Array, Array, Array]:
         """Which cells have arrived, which are out of time or of the domain, and whose lives are over."""
-        truncated = finished = self.clock.is_up(interval.count, alone=not self._ends_early)
+        count = way.interval.count
+        truncated = finished = self.clock.is_up(count, alone=not self._ends_early)
         terminated = nowhere(finished)
         if left is not None:
             truncated = truncated | left
         if self._follows:
-            truncated = truncated | ~self.medium.inside(pose.position, medium.origin)
+            truncated = truncated | ~self.medium.inside(way.pose.position, medium.origin)
         if self.egg is not None:
             if self.race is None:
-                ended = self.swimmer.comes_within(pose_of(state), interval, pose, path, self.egg)
+                ended = self.swimmer.comes_within(pose_of(state), way, self.egg)
             else:
-                ended = self.race.ends(arrival_time, self.clock.time(interval.count, arrival_time))
+                ended = self.race.ends(arrival_time, self.clock.time(count, arrival_time))
             terminated = ended & ~state.finished
             truncated = truncated & ~terminated
         if self._ends_early:
