@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from swarm._support.arrays import as_array, join, namespace
-from swarm._support.checks import Checked, check_count, check_number, parameter
+from swarm._support.checks import Checked, check_count, check_number, check_rule, parameter
 from swarm._support.registry import Registry
 from swarm.physics.motion.arc import components
 from swarm.physics.motion.collocation import velocity_and_spin, velocity_and_vorticity
@@ -108,11 +108,9 @@ class MemoryWithFlow(Memory):
 
     def check(self, world: World) -> None:
         """Raises ValueError where the flow has nothing to normalise by."""
-        if not (world.flow.speed_scale > 0 and world.flow.spin_scale > 0):
-            raise ValueError(
-                "sense_flow must go with a flow with speed_scale and spin_scale above 0 to normalise by, "
-                f"got speed_scale {world.flow.speed_scale:g} and spin_scale {world.flow.spin_scale:g}"
-            )
+        speed, spin = world.flow.speed_scale, world.flow.spin_scale
+        rule = "sense_flow must go with a flow with speed_scale and spin_scale above 0 to normalise by"
+        check_rule(speed > 0 and spin > 0, rule, f"speed_scale {speed:g} and spin_scale {spin:g}")
 
     def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
         """c κ̄/c_k, κ*, u_x*, u_y*, ω₀*."""
@@ -164,8 +162,8 @@ class MemoryWithTraits(Memory):
 
     def check(self, world: World) -> None:
         """Raises ValueError where cells are all alike."""
-        if world.spread is None:
-            raise ValueError("sensor memory_with_traits must go with a world that has a spread, got None")
+        rule = "sensor memory_with_traits must go with a world that has a spread"
+        check_rule(world.spread is not None, rule, None)
 
     def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
         """c κ̄/c_k, κ*, and both factors less 1."""
@@ -263,9 +261,9 @@ def check_sensor(name: str, value: Any) -> Sensor:
         rule = f"{name} must be an object with name, names, record(world, time, situation) and bounds(world)"
         raise TypeError(f"{rule}, or one of {', '.join(sorted(SENSORS))}, got {sensor!r}")
     names = sensor.names
-    if tuple(names[:2]) != Memory.names or len(set(names)) != len(names):
-        rule = f"{name}.names must be {', '.join(Memory.names)} and further ones, each once"
-        raise ValueError(f"{rule}, got {', '.join(map(str, names))}")
+    known = tuple(names[:2]) == Memory.names and len(set(names)) == len(names)
+    rule = f"{name}.names must be {', '.join(Memory.names)} and further ones, each once"
+    check_rule(known, rule, ", ".join(map(str, names)))
     return sensor
 
 

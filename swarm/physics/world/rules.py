@@ -11,7 +11,14 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from swarm._support.checks import check_box, check_function, check_methods, check_number, check_point
+from swarm._support.checks import (
+    check_box,
+    check_function,
+    check_methods,
+    check_number,
+    check_point,
+    check_rule,
+)
 from swarm._support.registry import TYPE, Registry
 from swarm.physics.crowd.interactions import INTERACTIONS
 from swarm.physics.fields import FIELDS, Field, FunctionField
@@ -89,27 +96,25 @@ def check_numbers(name: str, values: Any, *, rule: str) -> tuple[float, ...]:
 def check_dimensions(world: Any) -> None:
     """Raises ValueError where parameters of a world do not go with the plane, or space, that it is."""
     space = world.torsions is not None
-    if space and len(world.torsions) != world.n_actions:
-        rule = f"torsions must be a number for each of the {world.n_actions} curvatures"
-        raise ValueError(f"{rule}, got {world.torsions}")
+    rule = f"torsions must be a number for each of the {world.n_actions} curvatures"
+    check_rule(not space or len(world.torsions) == world.n_actions, rule, world.torsions)
     for name, value in NOT_IN_SPACE.items() if space else ():
-        if (found := getattr(world, name)) != value:
-            raise ValueError(f"{name} must be {value!r} in space (with torsions), got {found!r}")
-    where = "in space (with torsions)" if space else "in the plane (without torsions)"
+        found = getattr(world, name)
+        check_rule(found == value, f"{name} must be {value!r} in space (with torsions)", repr(found))
+    axes, where = world.dimensions, "in space (with torsions)" if space else "in the plane (without torsions)"
     for name in ("sensor", "field", "flow"):
         part = getattr(world, name)
-        if getattr(part, "coordinates", None) not in (None, world.dimensions):
-            raise ValueError(f"{name} must be one {where}, got {part!r}")
+        fits = getattr(part, "coordinates", None) in (None, axes)
+        check_rule(fits, f"{name} must be one {where}", repr(part))
         box = getattr(part, "box", None)
-        if box is not None and len(box) != world.dimensions:
-            raise ValueError(f"{name}.box must have {world.dimensions} sides {where}, got {box}")
-    turning = "vorticity" if space else "spin"
-    if not callable(getattr(world.flow, turning, None)):
-        raise ValueError(f"flow must have {turning}(position) {where}, got {world.flow!r}")
-    if world.start_box is not None and len(world.start_box) != world.dimensions:
-        raise ValueError(f"start_box must have {world.dimensions} sides {where}, got {world.start_box}")
-    if world.egg is not None and len(world.egg[0]) != world.dimensions:
-        raise ValueError(f"egg_position must be {world.dimensions} numbers {where}, got {world.egg[0]}")
+        check_rule(box is None or len(box) == axes, f"{name}.box must have {axes} sides {where}", box)
+    turning, start_box = "vorticity" if space else "spin", world.start_box
+    turns = callable(getattr(world.flow, turning, None))
+    check_rule(turns, f"flow must have {turning}(position) {where}", repr(world.flow))
+    fits = start_box is None or len(start_box) == axes
+    check_rule(fits, f"start_box must have {axes} sides {where}", start_box)
+    egg = None if world.egg is None else world.egg[0]
+    check_rule(egg is None or len(egg) == axes, f"egg_position must be {axes} numbers {where}", egg)
     if space:
         _check_probe(world.flow, [low for low, _ in world.box])
 
@@ -121,35 +126,32 @@ def _check_probe(flow: Flow, place: list[float]) -> None:
             found = np.shape(flow.velocity(np.array([place])))
     except Exception:  # a function may want other arrays than NumPy's
         return
-    if found != (1, 3):
-        raise ValueError(f"flow.velocity must be (..., 3) of positions (..., 3) in space, got {found}")
+    check_rule(found == (1, 3), "flow.velocity must be (..., 3) of positions (..., 3) in space", found)
 
 
 def check_curvatures(name: str, values: Any) -> tuple[float, ...]:
     curvatures = check_numbers(name, values, rule="two or more numbers")
-    if len(curvatures) < 2:
-        raise ValueError(f"{name} must be two or more numbers, got {values!r}")
+    check_rule(len(curvatures) >= 2, f"{name} must be two or more numbers", repr(values))
     steps = np.diff(curvatures)
-    if curvatures[0] <= 0 or np.any(steps <= 1e-9 * curvatures[-1]):
-        raise ValueError(f"{name} must rise and be positive, got {curvatures}")
-    if np.ptp(steps) > 1e-9 * steps[0]:
-        raise ValueError(f"{name} must be evenly spaced, got {curvatures}")
+    rises = curvatures[0] > 0 and np.all(steps > 1e-9 * curvatures[-1])
+    check_rule(rises, f"{name} must rise and be positive", curvatures)
+    check_rule(np.ptp(steps) <= 1e-9 * steps[0], f"{name} must be evenly spaced", curvatures)
     return curvatures
 
 
 def check_units(name: str, value: Any) -> tuple[str, str]:
     """Return `value` as names of two units; raises ValueError where it is none."""
     units = () if isinstance(value, str) or not isinstance(value, Sequence) else tuple(value)
-    if len(units) != 2 or not all(isinstance(unit, str) and unit.isprintable() and unit for unit in units):
-        raise ValueError(f"{name} must be the units of length and time, as ('µm', 's'), got {value!r}")
+    known = len(units) == 2 and all(isinstance(unit, str) and unit.isprintable() and unit for unit in units)
+    check_rule(known, f"{name} must be the units of length and time, as ('µm', 's')", repr(value))
     return units[0], units[1]
 
 
 def check_length_units(units: tuple[str, str] | None, *parts: Any) -> None:
     """Raises ValueError unless the world and the data of its parts have positions in one unit."""
     found: set[Any] = {getattr(part, "length_unit", None) for part in parts} | {units and units[0]}
-    if len(found := found - {None}) > 1:
-        raise ValueError(f"field and flow must have positions in the same unit, got {sorted(found)}")
+    found -= {None}
+    check_rule(len(found) <= 1, "field and flow must have positions in the same unit", sorted(found))
 
 
 def in_units(unit: str, units: Sequence[str] | None) -> str:
@@ -176,11 +178,9 @@ def check_times(life: float, **parts: Any) -> None:
     """Raises ValueError where a part has data for a part of the life only."""
     for name, part in parts.items():
         times = getattr(part, "times", None)
-        if times is not None and not times[0] <= 0.0 <= life <= times[1]:
-            raise ValueError(
-                f"{name} must have data for all times from 0 to the life {life:g}, "
-                f"or outside_time='held', got {times[0]:g} to {times[1]:g}"
-            )
+        if times is not None:
+            rule = f"{name} must have data for all times from 0 to the life {life:g}, or outside_time='held'"
+            check_rule(times[0] <= 0.0 <= life <= times[1], rule, f"{times[0]:g} to {times[1]:g}")
 
 
 # --- the scale of a field that users bring, beside the gradients that cells meet ----------------------------

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from swarm._support.arrays import as_array, look_up, namespace, nowhere
-from swarm._support.checks import check_cells
+from swarm._support.checks import check_cells, check_rule
 from swarm.physics import perception
 from swarm.physics.crowd.binding import counted
 from swarm.physics.motion.arc import Pose, components, turned, unit
@@ -71,9 +71,8 @@ class World(Parameters):
         if self.spread is not None and factors is None:
             factors = xp.ones_like(position)
         records = self._past(pose, past, (finished, count, factors), noise, medium)
-        if len(records[0]) != self.features:
-            names = ", ".join(self.sensor.names)
-            raise ValueError(f"sensor must record a number for each of {names}, got {len(records[0])}")
+        rule = f"sensor must record a number for each of {', '.join(self.sensor.names)}"
+        check_rule(len(records[0]) == self.features, rule, len(records[0]))
         arrival_time = None if self.race is None else xp.full_like(concentration, math.inf)
         if self.medium is not None:
             medium = self.medium.start(self.field, position) if medium is None else medium
@@ -162,8 +161,8 @@ class World(Parameters):
 
     def heading_angle(self, state: State) -> Array:
         """Heading θ (..., cells) in (−π, π], in the plane [rad]."""
-        if self.dimensions != 2:
-            raise ValueError("heading_angle must be asked for in the plane, in space ask for orientation")
+        rule = "heading_angle must be asked for in the plane, in space ask for orientation"
+        check_rule(self.dimensions == 2, rule, f"{self.dimensions} dimensions")
         return self.swimmer.orientation(state.heading)
 
     def orientation(self, state: State) -> Array:
