@@ -59,7 +59,7 @@ def draw_starts(
     streams.check_seed(seed)
 
     where: Any = {"population": population, "episode": episode, "first": first}
-    drawn = functools.partial(_drawn, seed, cells, **where)
+    drawn: Any = functools.partial(_drawn, seed, cells, **where)
     pose, axes = functools.partial(_draw_poses, world), world.dimensions
     poses = drawn("start", pose)
     for attempt in range(1, _ATTEMPTS):

@@ -70,22 +70,3 @@ def test_who_swims_straight_on_has_no_centre():
     np.testing.assert_array_equal(
         centre_of_curvature(poses, np.array([0.0, -2.0])), [[np.nan] * 2, [0, -0.5]]
     )
-
-
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"action": "smooth"}, "action must be one of continuous, discrete, got 'smooth'"),
-        ({"curvature_range": (0, 5)}, r"curvature_range must go with action='continuous', got \(0.0, 5.0\)"),
-        ({"action": "continuous", "curvature_range": (5, 0)}, r"curvature_range must rise, got \(5, 0\)"),
-        (
-            {"action": "continuous", "curvature_range": (0, float("inf"))},
-            "curvature_range must be two finite",
-        ),
-        ({"action": "continuous", "curvature_range": (0, 1e10)}, "must lie below 1e9 rad per time, got"),
-        ({"action": "continuous", "varying_speed": True}, "must go with one speed, got varying_speed=True"),
-    ],
-)
-def test_what_makes_no_world_is_an_error_in_a_line(parameters, message):
-    with pytest.raises(ValueError, match=message):
-        World(**parameters)

@@ -59,24 +59,6 @@ def test_eaten_pays_what_was_eaten_as_the_mean_concentration_of_records():
     np.testing.assert_allclose(first, 1, atol=0.15)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"reward": "arrival"}, "'arrival' must go with first_arrivals"),
-        ({"reward": "eaten"}, "'eaten' must go with a medium with uptake, got medium=None"),
-        ({"reward": "eaten", "medium": Medium()}, "'eaten' must go with a medium with uptake"),
-        ({"sensor": "memory_with_traits"}, "memory_with_traits must go with a world that has a spread"),
-        ({"sensor": {"type": "memory_with_neighbours", "k": 0}}, "k must be a whole number of at least 1"),
-        ({"sensor": {"type": "memory_with_neighbours", "range": 0}}, "range must be a finite number above 0"),
-        ({"sensor": "memory_with_neighbours", "varying_speed": True}, "interval_rule must be 'common'"),
-    ],
-    ids=str,
-)
-def test_what_a_world_cannot_serve_is_named(options, words):
-    with pytest.raises(ValueError, match=words):
-        World(**options)
-
-
 # --- sensors ------------------------------------------------------------------------------------------------
 
 

@@ -180,6 +180,6 @@ class HelicalSwimmer(Swimmer):
         if way.path is not None:
             return super().comes_within(before, way, egg)
         (centre, radius), interval = egg, way.interval
+        (curvature, torsion), length = interval.swum, interval.speed * interval.length
         cells = max(1, math.ceil(self._largest()[0] / CELL))
-        length = interval.speed * interval.length
-        return closest_approach(before, *interval.swum, length, centre, cells) <= radius
+        return closest_approach(before, curvature, torsion, length, centre, cells) <= radius

@@ -133,7 +133,7 @@ def check_curvatures(name: str, values: Any) -> tuple[float, ...]:
     curvatures = check_numbers(name, values, rule="two or more numbers")
     check_rule(len(curvatures) >= 2, f"{name} must be two or more numbers", repr(values))
     steps = np.diff(curvatures)
-    rises = curvatures[0] > 0 and np.all(steps > 1e-9 * curvatures[-1])
+    rises = curvatures[0] > 0 and bool(np.all(steps > 1e-9 * curvatures[-1]))
     check_rule(rises, f"{name} must rise and be positive", curvatures)
     check_rule(np.ptp(steps) <= 1e-9 * steps[0], f"{name} must be evenly spaced", curvatures)
     return curvatures

@@ -196,7 +196,9 @@ class World(Parameters):
     def _concentration(self, position: Array, time: Any, medium: Any) -> Array:
         field = self.field if time is None else frozen(self.field, time)
         found = field.concentration(position)
-        return found if medium is None else self.medium.sense(medium, position, found)
+        if medium is None or self.medium is None:
+            return found
+        return self.medium.sense(medium, position, found)
 
     def way(self, state: State, action: Array, noise: Array) -> Way:
         """The way of an action."""
@@ -244,6 +246,7 @@ class World(Parameters):
 
     def _arrival_time(self, state: State, way: Way) -> Array:
         """When cells (..., cells) came to the egg [time], found on the way; infinite for who did not."""
+        assert self.egg is not None
         part = self.swimmer.arrival(pose_of(state), way, self.egg)
         xp = namespace(part)
         there = xp.isfinite(part) & ~state.finished
@@ -293,7 +296,7 @@ class World(Parameters):
         terminated = nowhere(finished)
         if left is not None:
             truncated = truncated | left
-        if self._follows:
+        if self.medium is not None and self._follows:
             truncated = truncated | ~self.medium.inside(way.pose.position, medium.origin)
         if self.egg is not None:
             if self.race is None:
