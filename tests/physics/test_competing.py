@@ -11,15 +11,10 @@ from swarm.physics.perception import MemoryWithNeighbours
 from swarm.physics.starts import draw_noise_and_bindings, draw_starts
 from swarm.physics.world import World
 from swarm.policies.strategies import Greedy
+from tests.physics.test_world import begin
 from tests.reference import array, to_numpy
 
 EATING = Medium(box=((0, 10), (0, 10)), shape=(64, 64), uptake=0.0116)
-
-
-def start(world, cells, seed=0, xp=np):
-    parts = draw_starts(world, cells, seed)
-    kinds = (xp.float64, xp.float64, xp.int64, xp.float64)
-    return world.start(*(array(xp, part, kind) for part, kind in zip(parts, kinds, strict=False)))
 
 
 def live(world, state):
@@ -38,7 +33,7 @@ def live(world, state):
 @pytest.mark.parametrize("delay", [0.0, 6.0])
 def test_arrival_pays_every_winner_once_when_it_arrives(delay):
     world = World(field=RadialField(), life=300, first_arrivals=2, block_delay=delay, reward="arrival")
-    states, outcomes = live(world, start(world, 30))
+    states, outcomes = live(world, begin(np, world, 30))
     paid = np.array([outcome.reward for outcome in outcomes])
     won = world.won(states[-1])
     assert won.sum() >= 2
@@ -51,7 +46,7 @@ def test_arrival_pays_every_winner_once_when_it_arrives(delay):
 
 def test_eaten_pays_what_was_eaten_as_the_mean_concentration_of_records():
     world = World(medium=EATING, life=8, reward="eaten", start_box=((3, 7), (3, 7)))
-    states, outcomes = live(world, start(world, 4))
+    states, outcomes = live(world, begin(np, world, 4))
     paid = np.sum([outcome.reward for outcome in outcomes], axis=0)
     scale = world.mean_curvature / world.field.gradient_scale / (EATING.uptake * world.intervals[0])
     np.testing.assert_allclose(paid, states[-1].medium.eaten * scale, rtol=1e-12)
@@ -113,7 +108,7 @@ def test_in_a_medium_that_wraps_the_nearest_image_is_seen():
 def test_traits_are_the_cells_own_factors_less_one(xp):
     world = World(spread={"speed": 0.1, "curvature": 0.05}, sensor="memory_with_traits")
     starts = draw_starts(world, 200, 3)
-    state = start(world, 200, 3, xp)
+    state = begin(xp, world, 200, seed=3)
     for row in range(4):
         np.testing.assert_allclose(to_numpy(state.memory)[:, row, 2:], starts.factors - 1, atol=1e-15)
     assert (np.abs(to_numpy(world.observation(state))) <= world.observation_bounds).all()
@@ -126,7 +121,7 @@ def test_torch_compiles_what_neighbours_are_seen_in_one_piece():
     from array_api_compat import torch as xp
 
     world = World(sensor=MemoryWithNeighbours(k=2, range=3.0))
-    state = start(world, 8, xp=xp)
+    state = begin(xp, world, 8)
     action = torch.arange(8) % 2
     compiled = torch.compile(world.step, fullgraph=True, dynamic=False, backend="aot_eager")
     (expected, _), (after, _) = world.step(state, action), compiled(state, action)
