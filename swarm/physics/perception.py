@@ -16,7 +16,7 @@ import numpy as np
 from swarm._support.arrays import as_array, join, namespace
 from swarm._support.checks import Checked, check_count, check_number, check_rule, parameter
 from swarm._support.registry import Registry
-from swarm.physics.motion.arc import components
+from swarm.physics.motion.arc import components, turned
 from swarm.physics.motion.collocation import velocity_and_spin, velocity_and_vorticity
 
 Array = Any
@@ -225,8 +225,9 @@ class MemoryWithNeighbours(Checked):
         squared = x * x + y * y
         nowhere = xp.full_like(squared, math.inf)
         squared = xp.where(others & (squared < self.range**2), squared, nowhere)
-        heading = situation.heading[..., 0], situation.heading[..., 1]
-        makers = [xp.broadcast_to(each[..., None, :], x.shape) for each in heading]
+        ahead, aside = components(situation.heading)
+        frame = ahead, -aside  # by which the lab is turned into the cell's frame
+        makers = [xp.broadcast_to(each[..., None, :], x.shape) for each in (ahead, aside)]
         seen: list[Array] = []
         for _ in range(self.k):
             nearest = xp.argmin(squared, axis=-1)[..., None]
@@ -237,15 +238,10 @@ class MemoryWithNeighbours(Checked):
             distance = xp.sqrt(xp.where(close, far, xp.zeros_like(far)))
             closeness = xp.where(close, 1 - distance / self.range, xp.zeros_like(far))
             per_length = closeness / xp.where(distance > 0, distance, xp.ones_like(distance))
-            seen += _in_frame(heading, found[0] * per_length, found[1] * per_length)
-            seen += _in_frame(heading, found[2] * closeness, found[3] * closeness)
+            seen += turned((found[0] * per_length, found[1] * per_length), *frame)
+            seen += turned((found[2] * closeness, found[3] * closeness), *frame)
             squared = xp.where(row == nearest, nowhere, squared)
         return seen
-
-
-def _in_frame(heading: tuple[Array, Array], x: Array, y: Array) -> tuple[Array, Array]:
-    """A vector's parts along the heading and to its left."""
-    return x * heading[0] + y * heading[1], y * heading[0] - x * heading[1]
 
 
 def described(sensor: Sensor) -> str | dict[str, Any]:
