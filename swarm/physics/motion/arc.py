@@ -113,30 +113,39 @@ def arrival(pose: Pose, curvature: Array, length: Array, point: Sequence[float],
     squared, nothing = x**2 + y**2, xp.zeros_like(x)
     one, never = nothing + 1, nothing + math.inf
     inside, moves = squared <= radius**2, length > 0
-    # half of what distance² changes in a turn φ: rise sin φ + shift (1 − cos φ)
+    outside = squared - radius**2
     straight = xp.abs(curvature * length) < nearly
     kappa = xp.where(straight, one, curvature)
+    # half of what distance² changes in a turn φ: rise sin φ + shift (1 − cos φ)
     rise, shift = ahead / kappa, (1 / kappa + aside) / kappa
-    missing = 0.5 * (radius**2 - squared) - shift  # = rise sin φ − shift cos φ at the arrival
+    missing = -0.5 * outside - shift  # = rise sin φ − shift cos φ at the arrival
     swing = xp.sqrt(rise * rise + shift * shift)
     meets = (xp.abs(missing) <= swing) & (swing > 0)
     angle = xp.asin(xp.where(meets, missing, nothing) / xp.where(meets, swing, one))
     phase = xp.atan2(-shift, rise)  # rise sin φ − shift cos φ = swing sin(φ + phase)
     sense = xp.sign(kappa)
     turns = [xp.remainder(sense * (candidate - phase), 2 * math.pi) for candidate in (angle, math.pi - angle)]
-    turn = xp.minimum(*turns) / xp.where(moves, sense * kappa * length, one)
-    # Where the arc is nearly straight, u = 2 tan(φ/2)/κ solves a u² + 2 ahead u + outside = 0.
-    outside = squared - radius**2
-    a = 1 + curvature * aside + 0.25 * curvature * curvature * outside
-    root = ahead * ahead - a * outside
-    denominator = xp.sqrt(xp.where(root > 0, root, nothing)) - ahead
+    part = xp.minimum(*turns) / xp.where(moves, sense * kappa * length, one)
+    if not isinstance(straight, np.ndarray) or straight.any():
+        line, there = _along_line(ahead, aside, outside, curvature)
+        part = xp.where(straight, line / xp.where(moves, length, one), part)
+        meets = xp.where(straight, there, meets)
+    reached = inside | (meets & (part <= 1) & moves)
+    return xp.where(reached, xp.where(inside, nothing, part), never)
+
+
+def _along_line(ahead: Array, aside: Array, outside: Array, curvature: Array) -> tuple[Array, Array]:
+    """How far (...) a nearly straight arc goes to a circle, and whether it comes there at all. `ahead` and
+    `aside` tell where it starts as seen from the centre, `outside` is distance² less radius².
+    """
+    xp = namespace(ahead)
+    half = 0.5 * curvature  # u = 2 tan(φ/2)/κ solves a u² + 2 ahead u + outside = 0
+    root = ahead * ahead - (1 + curvature * aside + half * half * outside) * outside
+    denominator = xp.sqrt(xp.where(root > 0, root, xp.zeros_like(root))) - ahead
     there = (root >= 0) & (denominator > 0)
-    line = outside / xp.where(there, denominator, one)
-    bend = (0.5 * curvature * line) ** 2  # length = 2 atan(κ u/2)/κ
-    line = line * (1 - bend / 3 + bend * bend / 5) / xp.where(moves, length, one)
-    part = xp.where(inside, nothing, xp.where(straight, line, turn))
-    reached = inside | (xp.where(straight, there, meets) & (part <= 1) & moves)
-    return xp.where(reached, part, never)
+    line = outside / xp.where(there, denominator, xp.ones_like(root))
+    bend = (half * line) ** 2  # length = 2 atan(κ u/2)/κ
+    return line * (1 - bend / 3 + bend * bend / 5), there
 
 
 def arrival_on(path: Array, start: Array, end: Array, point: Sequence[float], radius: float) -> Array:
