@@ -78,8 +78,11 @@ peers: install ## install other libraries, and run their tests and wrappers on t
 	@$(RUN)/python -m pip install -qq --no-deps moviepy decorator proglog python-dotenv tqdm # moviepy asks for an older pillow
 	$(RUN)/pytest tests/envs/test_peers.py -n 2 $(ARGS)
 
-docs: install ## build the documentation in site/
+docs: install docs/assets/crowd.html ## build the documentation in site/
 	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --strict $(ARGS)
+
+docs/assets/crowd.html: $(STAMP) $(wildcard swarm/figures/page/*.py swarm/figures/page/assets/*)
+	rm -f $@ && $(RUN)/swarm watch zoo:crowd_uptake --life 30 --out $@
 
 clean: ## remove .venv and what the tools left behind; runs/ stays
 	rm -rf .venv site dist build .mypy_cache .pytest_cache .ruff_cache .hypothesis .benchmarks .coverage

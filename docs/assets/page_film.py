@@ -1,7 +1,6 @@
 """The moving picture of the page that the README opens with: a page -> docs/images/page.gif, by Chromium.
 
-swarm watch zoo:crowd_uptake --life 30 --out docs/assets/crowd.html
-python docs/assets/page_film.py
+make docs/assets/crowd.html && python docs/assets/page_film.py
 """
 
 import shutil

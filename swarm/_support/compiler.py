@@ -1,4 +1,4 @@
-"""What torch's compiler needs: arrays in pieces, and code that goes on where there is no compiler.
+"""What compilers need: arrays in pieces, loops for numba, and code that goes on where there is no compiler.
 
 Compiled loops over (nodes, cells) write every intermediate result to memory; over one node after the other
 they keep it in a register, which is several times as fast. So arrays are taken apart while torch compiles.
@@ -7,14 +7,16 @@ they keep it in a register, which is several times as fast. So arrays are taken 
 from __future__ import annotations
 
 import functools
+import importlib.util
 import operator
 import types
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 Array = Any
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 class Every:
@@ -104,8 +106,28 @@ def compiling(array: Array) -> bool:
     return torch.compiler.is_compiling()
 
 
-SMALL = 4096  # numbers up to which NumPy calls are quicker than torch's
+NUMBA = importlib.util.find_spec("numba") is not None
 _OUTSIDE: list[Callable[..., Array]] = []  # functions that are called from compiled code as they are
+
+
+def loops(function: F) -> F:
+    """`function`, which numba compiles when it is first called, and keeps for later processes; as it is where
+    numba is not installed.
+
+    It sees NumPy arrays and numbers alone, and calls nothing but such functions and NumPy's. A module with
+    such functions is imported when they are needed: numba takes half a second.
+    """
+    if not NUMBA:
+        return function
+    import numba
+
+    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def loops_on(array: Array) -> bool:
+    """Whether `loops` may go over an array: one of NumPy, or a tensor in the processor's memory."""
+    module = type(array).__module__
+    return isinstance(array, np.ndarray) or (module == "torch" and array.device.type == "cpu")
 
 
 def outside(function: Callable[..., Array]) -> int:
@@ -121,12 +143,22 @@ def call_outside(number: int, shape: tuple[int, ...], like: Array, *arrays: Arra
     """
     if type(like).__module__.startswith("jax"):
         return _called_by_jax(number, shape, like, *arrays)
+    if isinstance(like, np.ndarray):
+        return _OUTSIDE[number](*arrays).astype(like.dtype, copy=False)
     if not compiling(like):
-        return _OUTSIDE[number](*arrays)
+        return _in_numpy(number, like, arrays)
     import torch
 
     found: Array = torch.ops.chemoswarm.call_outside(number, list(shape), like, list(arrays))
     return found
+
+
+def _in_numpy(number: int, like: Array, arrays: Sequence[Array]) -> Array:
+    """Tensors of the processor are handed on in the same memory, others as copies."""
+    import torch
+
+    found = torch.from_numpy(_OUTSIDE[number](*(each.detach().cpu().numpy() for each in arrays)))
+    return found.to(like.device, like.dtype)
 
 
 def _called_by_jax(number: int, shape: tuple[int, ...], like: Array, *arrays: Array) -> Array:
@@ -146,9 +178,7 @@ def _declare_outside() -> None:
     from torch import Tensor
 
     def call(number: int, shape: list[int], like: Tensor, arrays: list[Tensor]) -> Tensor:
-        if arrays[0].device.type != "cpu" or arrays[0].numel() > SMALL:
-            return _OUTSIDE[number](*arrays).clone()
-        return torch.from_numpy(_OUTSIDE[number](*(each.numpy() for each in arrays)))  # in the same memory
+        return _in_numpy(number, like, arrays)
 
     call.__annotations__ = {
         "number": int,

@@ -9,20 +9,5 @@ from swarm.figures.plots.populations import centrelines, centrelines_and_gains, 
 from swarm.figures.plots.trends import Curve, Sweep, groups, noise_sweep, sweeps, training
 from swarm.figures.style import plain, save
 
-__all__ = [
-    "Curve",
-    "Sweep",
-    "centrelines",
-    "centrelines_and_gains",
-    "comparison",
-    "distribution",
-    "gains",
-    "groups",
-    "noise_sweep",
-    "path_of",
-    "plain",
-    "radial",
-    "save",
-    "sweeps",
-    "training",
-]
+__all__ = ["Curve", "Sweep", "centrelines", "centrelines_and_gains", "comparison", "distribution", "gains"]
+__all__ += ["groups", "noise_sweep", "path_of", "plain", "radial", "save", "sweeps", "training"]

@@ -24,9 +24,7 @@ POPULATION, SUMMARY = "population.nc", "summary.json"
 
 
 def save_summary(found: Evaluation, out: Path) -> None:
-    """Writes gains.png and summary.json beside the results of a population, where they were written block by
-    block.
-    """
+    """Writes gains.png and summary.json beside a population that was written block by block."""
     with dispensable("gains.png"):
         figures.save(figures.distribution(found.results), out / "gains.png")
     files.write_text(out / SUMMARY, _summary(found))

@@ -28,20 +28,16 @@ class Form(NamedTuple):
 FORMS = {".gif": Form(360, 12, 1), ".mp4": Form(SIZE, 24, 2)}
 
 
-def check_size(size: int | None, suffix: str) -> int:
-    """The height of a film in pixels; raises ValueError unless it is one that can be drawn."""
-    if size is None:
-        return FORMS[suffix].height
-    height = check_count("size", size, at_least=SMALLEST)
+def check_film(suffix: str, size: int | None) -> int:
+    """The height of a film in pixels; raises ValueError for a `size` that cannot be drawn, and
+    ModuleNotFoundError where the package that encodes such films is missing.
+    """
+    if suffix != ".gif":
+        check_installed("a film other than .gif needs", "imageio_ffmpeg", extra="video")
+    height = FORMS[suffix].height if size is None else check_count("size", size, at_least=SMALLEST)
     if height > SIZE:
         raise ValueError(f"size must be at most {SIZE} pixels, in which swarms are drawn, got {size}")
     return height
-
-
-def check_encoder(suffix: str) -> None:
-    """Raises ModuleNotFoundError where the package that encodes such films is missing."""
-    if suffix != ".gif":
-        check_installed("a film other than .gif needs", "imageio_ffmpeg", extra="video")
 
 
 def write_film(path: Path, suffix: str, pictures: Iterator[np.ndarray], height: int) -> None:

@@ -20,7 +20,6 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
-from matplotlib.ticker import MaxNLocator
 
 from swarm._support import files
 from swarm.physics.motion.domain import inside_all
@@ -160,11 +159,6 @@ def team_colours(names: Sequence[str]) -> list[str]:
     return found
 
 
-def on_dark(colour: str) -> str:
-    """The colour as it is on dark water."""
-    return ON_DARK.get(colour, colour)
-
-
 def chosen_policies(results: xr.Dataset, policies: Sequence[str] | None = None) -> list[str]:
     """The `policies`, unless they are given all of the results; ValueError for one that is not in them."""
     known = [str(name) for name in results["policy"].values]
@@ -242,15 +236,6 @@ def around_egg(axes: Axes, world: World) -> None:
         axes.update_datalim([(x - radius, y - radius), (x + radius, y + radius)])
 
 
-def few_ticks() -> MaxNLocator:
-    """Four round numbers along an axis."""
-    return MaxNLocator(4, steps=[1, 2, 5, 10])
-
-
-def mark_start(axes: Axes, results: xr.Dataset, cell: int) -> None:
-    axes.plot(*results["start_position"].isel(cell=cell).values, "o", color=INK, markersize=3, zorder=5)
-
-
 def lettered(axes: Sequence[Axes]) -> None:
     for letter, one in zip("abcdefgh", axes, strict=False):
         one.set_title(f"({letter})  {one.get_title(loc='left')}".rstrip(), loc="left")
@@ -265,12 +250,8 @@ def legend_above(figure: Figure, axes: Axes, most: int | None = None) -> None:
     """Every label of the axes once, above the figure, at `most` so many in a row."""
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    figure.legend(
-        list(unique.values()),
-        list(unique),
-        loc="outside upper right",
-        ncols=min(most or len(unique), len(unique)),
-    )
+    ncols = min(most or len(unique), len(unique))
+    figure.legend(list(unique.values()), list(unique), loc="outside upper right", ncols=ncols)
 
 
 def label_beside(axes: Axes, marks: Sequence[tuple[float, str, str]]) -> None:

@@ -8,18 +8,7 @@ from typing import Any
 import numpy as np
 
 from swarm._support.checks import check_installed
-from swarm.figures.scene import (
-    PANEL,
-    SIZE,
-    TRAIL,
-    Camera,
-    Glance,
-    Helices,
-    Orbit,
-    Scene,
-    Segment,
-    Teams,
-)
+from swarm.figures.scene import PANEL, SIZE, TRAIL, Camera, Glance, Helices, Orbit, Scene, Segment, Teams
 from swarm.physics.motion.arc import Pose
 from swarm.physics.world import State, World
 
@@ -84,7 +73,7 @@ class Viewer:
         camera = self.camera
         if isinstance(camera, Orbit):
             camera = camera.turned(len(self.curve) - 1 + share)
-        return self.scene.picture(camera, self.glance, self.trail, np.array(self.curve), share=share)
+        return self.scene.picture(camera, self.glance, self.trail, np.array(self.curve), share)
 
     def close(self) -> None:
         """Close the window."""
@@ -114,15 +103,12 @@ class Viewer:
         """Add what was swum between two glances to the trails."""
         for i, segment in enumerate(self.trail):
             self.trail[i] = segment._replace(seen=segment.seen & ~begun)
-        speed = np.interp(now.curvature, self.world.curvatures, self.world.action_speeds)
-        wait = np.where(moved, now.time - before.time, 0.0)
-        if self.world.torsions is not None:
-            torsion = np.interp(now.curvature, self.world.curvatures, self.world.torsions)
-            numbers = now.curvature, torsion, speed, wait
+        bend, wait = now.curvature, np.where(moved, now.time - before.time, 0.0)
+        if self.world.dimensions == 3:
             start = Pose(before.position, before.orientation)
-            self.trail.append(Helices(start, now.position, *numbers, moved))
+            self.trail.append(Helices.of(self.world, start, now.position, bend, wait, moved))
             return
-        turn = now.curvature * speed * wait
+        turn = bend * np.interp(bend, self.world.curvatures, self.world.action_speeds) * wait
         excess = np.angle(np.exp(1j * (now.heading - before.heading - turn)))  # by flow and noise
         self.trail.append(Segment(before.position, now.position - before.position, turn + excess, moved))
 

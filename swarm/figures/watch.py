@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from swarm._support import files
-from swarm.figures.film import FORMS, check_encoder, check_size, write_film
+from swarm.figures.film import FORMS, check_film, write_film
 from swarm.figures.page import save_page
 from swarm.figures.scene import Teams
 from swarm.figures.viewer import Viewer
@@ -33,8 +35,7 @@ POPULATION = ".nc"
 
 def check_target(out: Path | None, size: int | None = None) -> None:
     """Raises ValueError or an OSError unless a film or a page can be written there, in this size."""
-    out = None if out is None else files.expanded(out)
-    suffix = "" if out is None else out.suffix.lower()
+    suffix = _suffix(out)
     if size is not None and suffix not in FORMS:
         raise ValueError(f"size must come with a film, --out FILE with {', '.join(FORMS)}, got {size}")
     if out is None:
@@ -42,12 +43,16 @@ def check_target(out: Path | None, size: int | None = None) -> None:
     if suffix not in (*FORMS, PAGE):
         raise ValueError(f"out must end in {', '.join((*FORMS, PAGE))}, got {out}")
     if suffix in FORMS:
-        check_size(size, suffix)
-        check_encoder(suffix)
+        check_film(suffix, size)
+    out = files.expanded(out)
     if out.exists():
         raise FileExistsError(f"{out} must be a new file: what is there is never overwritten")
     if not out.parent.is_dir():
         raise FileNotFoundError(f"the folder of {out} must be there")
+
+
+def _suffix(out: Path | None) -> str:
+    return "" if out is None else out.suffix.lower()
 
 
 def watch(
@@ -79,36 +84,21 @@ def watch(
         world, players, shares = rivals(policy, against, world, 0.5 if share is None else share)
         world, player = crowd_of(world, players, shares, cells=cells)
         title, teams = f"{policy} against {against}", Teams(player.names, player.steered_by)
-    if out is not None and out.suffix.lower() == PAGE:
+    suffix = _suffix(out)
+    if out is not None and suffix == PAGE:
         lived = _lived(world, title, player, cells, seed, teams, progress)
         save_page(lived, out, title=title if teams else policy, teams=teams, world=world)
         return
-    viewer = Viewer(world, window=out is None, fps=WINDOW_FPS, teams=teams)
     moments = rollout(world, player, draw_starts(world, cells, seed), seed)
-    _show(viewer, moments, out, size, progress)
-
-
-def _show(
-    viewer: Viewer,
-    moments: Iterable[Moment],
-    out: Path | None,
-    size: int | None,
-    progress: Callable[[float, float], None] | None,
-) -> None:
-    """Lives in a window, or in the film `out`."""
-    suffix = "" if out is None else out.suffix.lower()
-    followed = _followed(viewer, moments, FORMS[suffix].frames if out else 1, progress)
-    try:
+    with closing(Viewer(world, window=out is None, fps=WINDOW_FPS, teams=teams)) as viewer:
+        followed = _followed(viewer, moments, FORMS[suffix].frames if out else 1, progress)
         if out is not None:
             with files.replacing(out) as temporary:
-                write_film(temporary, suffix, followed, check_size(size, suffix))
+                write_film(temporary, suffix, followed, check_film(suffix, size))
         elif viewer.window is None or not viewer.window.visible:
             raise OSError("a window needs a display, and there is none: --out FILE makes a film or a page")
         else:
-            for _ in followed:
-                pass
-    finally:
-        viewer.close()
+            deque(followed, maxlen=0)
 
 
 def _lived(
@@ -136,7 +126,7 @@ def save_page_of(population: Path, out: Path | None, *, cells: int | None = None
 
     Raises ResultsError for a file that holds none, ValueError for an `out` that is no page.
     """
-    if out is None or out.suffix.lower() != PAGE:
+    if out is None or _suffix(out) != PAGE:
         raise ValueError(f"a stored population is watched on a page: out must end in {PAGE}, got {out}")
     check_target(out)
     save_page(load_population(population), out, title="/".join(population.parts[-2:]), cells=cells)

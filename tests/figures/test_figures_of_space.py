@@ -5,24 +5,19 @@ import re
 import shutil
 import subprocess
 from importlib import resources
-from itertools import islice
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import swarm
 from swarm import figures
 from swarm.figures.page import page, save_page
 from swarm.figures.scene import SIZE, Orbit
-from swarm.figures.viewer import Viewer
-from swarm.figures.watch import watch
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.helix import along_helix, helix
-from swarm.physics.starts import draw_starts
 from swarm.population.contest import population_test
-from swarm.population.rollout import rollout
-from tests.figures.test_page import data_of, in_a_browser, opened, probed
+from tests.figures import data_of, in_a_browser, opened, probed
+from tests.figures import seen as followed
 
 NODE = shutil.which("node")
 NOISY = {"curvature_noise": 0.3}
@@ -34,19 +29,15 @@ def results():
 
 
 def seen(**settings):
-    world = swarm.World.in_space(**settings)
-    viewer = Viewer(world)
-    for moment in islice(rollout(world, swarm.Greedy(), draw_starts(world, 3, 1), 1), 11):
-        viewer.follow(moment.state)
-    return viewer, moment.state
+    return followed(swarm.World.in_space(**settings), cells=3, decisions=11)
 
 
 def halfway(results, world):
     """Places (cells, 3) in the middle of the second interval, in still water without noise."""
-    before, bend = (results[name].values[0] for name in ("heading", "curvature"))
-    pose = Pose(results["position"].values[0, :, 1].astype(float), before[:, 1].astype(float))
-    wait = np.diff(results["time"].values[0, :, 1:3])[:, 0]
-    numbers = bend[:, 2].astype(float), results["torsion"].values[0, :, 2].astype(float)
+    first = results.isel(policy=0).astype(float)
+    pose = Pose(*(first[name].values[:, 1] for name in ("position", "heading")))
+    numbers = (first[name].values[:, 2] for name in ("curvature", "torsion"))
+    wait = np.diff(first["time"].values[:, 1:3])[:, 0]
     return along_helix(pose, helix(*numbers, world.speed * 0.5 * wait)).position
 
 
@@ -86,12 +77,9 @@ def test_trails_are_the_helices_that_were_swum_and_meet_where_noise_led():
         np.testing.assert_allclose(ends[:, 0], segment.start.position, atol=1e-12)
         np.testing.assert_allclose(ends[:, 1], after.start.position, atol=1e-12)
     np.testing.assert_allclose(viewer.trail[-1].places(np.ones(1))[:, 0], state.position, atol=1e-12)
-    quiet, _ = seen()
-    third, now = quiet.trail[3], quiet.trail[4].start.position
-    way = along_helix(
-        third.start, helix(third.curvature, third.torsion, third.speed * third.duration)
-    ).position
-    np.testing.assert_allclose(way, now, atol=1e-9)
+    start, _, curvature, torsion, speed, wait, _ = (quiet := seen()[0]).trail[3]
+    way = along_helix(start, helix(curvature, torsion, speed * wait)).position
+    np.testing.assert_allclose(way, quiet.trail[4].start.position, atol=1e-9)
 
 
 def test_brighter_walls_hold_more():
@@ -104,6 +92,14 @@ def test_brighter_walls_hold_more():
     assert (np.diff(image[rows, columns]) > 10).all()
 
 
+def test_walls_show_how_fast_it_flows_and_streaks_where_to():
+    viewer, _ = seen(flow="abc")
+    flowing, (slow, fast) = viewer.picture(), viewer.scene.water.span
+    assert slow == 0 < 0.5 * viewer.world.flow.speed_scale < fast < 2 * viewer.world.flow.speed_scale
+    viewer.scene.seen, viewer.scene.water.world = None, swarm.World.in_space(flow="shear")
+    assert (viewer.picture()[:, :SIZE] != flowing[:, :SIZE]).mean() > 0.1
+
+
 def test_paths_go_through_all_places_and_have_shadows_on_three_walls(results):
     world = swarm.World.in_space(**NOISY)
     path = figures.path_of(results, world, "greedy", 1, points=5)
@@ -113,10 +109,8 @@ def test_paths_go_through_all_places_and_have_shadows_on_three_walls(results):
     line, *shadows, _ = (np.stack(each.get_data_3d()) for each in places.lines)
     np.testing.assert_allclose(line.T, figures.path_of(results, world, "greedy", 0))
     assert [np.ptp(each, axis=1).round(9).tolist().count(0.0) for each in shadows] == [1, 1, 1]
-    sides = [np.ptp(getattr(places, f"get_{axis}lim")()) for axis in "xyz"]
-    np.testing.assert_allclose(
-        sides / np.linalg.norm(sides), places._box_aspect / np.linalg.norm(places._box_aspect)
-    )
+    sides = np.array([np.ptp(getattr(places, f"get_{axis}lim")()) for axis in "xyz"])
+    np.testing.assert_allclose(np.ptp(sides / places._box_aspect), 0, atol=1e-12)
 
 
 @pytest.mark.parametrize("figure", ["centrelines", "centrelines_and_gains", "radial"])
@@ -129,12 +123,6 @@ def test_populations_are_drawn_in_space(figure):
     for side, middle in zip("xyz", world.egg[0], strict=True):
         low, high = getattr(drawn, f"get_{side}lim")()
         assert low < middle - world.egg[1] < middle + world.egg[1] < high
-
-
-def test_a_film_of_space_is_written(tmp_path):
-    watch("greedy", swarm.World.in_space(life=0.1), cells=2, out=tmp_path / "swim.gif", size=90)
-    with Image.open(tmp_path / "swim.gif") as film:
-        assert (film.size, film.n_frames) == ((120, 90), 3)
 
 
 SCRIPT = """

@@ -1,33 +1,28 @@
 """Pictures, films and pages show what cells do to the world that they share."""
 
-import json
 import re
 
 import numpy as np
 import pytest
 
 import swarm
-from swarm.figures.page import page
-from swarm.figures.scene import SIZE, Teams, concentration_at
+from swarm.figures.page import page, save_page
+from swarm.figures.scene import SIZE, Camera, Glance, Scene, Teams, concentration_at
 from swarm.figures.style import LOOKS, team_colours
-from swarm.figures.viewer import Viewer
 from swarm.figures.watch import watch
-from swarm.physics.starts import draw_starts
 from swarm.population.contest import population_test
 from swarm.population.results import load_population, save_population
-from swarm.population.rollout import rollout
+from tests.figures import data_of, in_a_browser, opened, probed, seen
 
 MEDIUM = {"box": ((-5, 15), (-5, 15)), "shape": (160, 160), "uptake": 0.05}
 EATING = swarm.World(medium=swarm.Medium(**MEDIUM), start_box=((4, 6), (4, 6)), life=6.0)
 RACE = swarm.World(field="radial", first_arrivals=2, start_box=((-3, 3), (-3, 3)), life=40.0)
 
 
-def seen(world, teams=None, cells=8):
-    """The viewer and the state at the end of all lives."""
-    viewer = Viewer(world, teams=teams)
-    for moment in rollout(world, swarm.Greedy(), draw_starts(world, cells, 1), 1):
-        viewer.follow(moment.state)
-    return viewer, moment.state
+def square(viewer, **other):
+    """The picture of a glance of which something is other than it was."""
+    viewer.scene.seen, viewer.glance = None, viewer.glance._replace(**other)
+    return viewer.picture()[:, :SIZE].astype(int)
 
 
 @pytest.mark.parametrize("leaving", ["truncate", "follow", "wrap"])
@@ -37,19 +32,12 @@ def test_water_is_darker_where_it_was_eaten(leaving):
     left, places = world.field.concentration(state.position), np.asarray(state.position)
     np.testing.assert_allclose(concentration_at(world, 6.0, places, state.medium), world.concentration(state))
     assert (world.concentration(state) < left).all()
-    brightness = []
-    for held in (state.medium, None):
-        viewer.scene.seen, viewer.glance = None, viewer.glance._replace(medium=held)
-        brightness.append(viewer.picture()[:, :SIZE].astype(float).mean())
-    assert brightness[0] < brightness[1] - 0.5
+    assert square(viewer).mean() < square(viewer, medium=None).mean() - 0.5
 
 
 def test_water_is_that_of_the_present_time():
-    world = swarm.World(flow="oscillating_taylor_green", life=4.0)
-    viewer, _ = seen(world)
-    now = viewer.picture()
-    viewer.glance = viewer.glance._replace(time=viewer.glance.time - 1.3)
-    assert not np.array_equal(viewer.picture()[:, :SIZE], now[:, :SIZE])
+    viewer, _ = seen(swarm.World(flow="oscillating_taylor_green", life=4.0))
+    assert not np.array_equal(square(viewer), square(viewer, time=viewer.glance.time - 1.3))
 
 
 def test_who_has_won_sits_at_the_egg_and_the_egg_is_closed():
@@ -58,34 +46,73 @@ def test_who_has_won_sits_at_the_egg_and_the_egg_is_closed():
     assert viewer.glance.closed
     (x, y), radius = RACE.egg
     away = viewer.glance.position[viewer.glance.won] - complex(x, y)
-    image = viewer.picture()
-    for place in complex(x, y) + radius * away / np.abs(away):
-        column, row = viewer.camera.pixels(np.array(place)).round().astype(int)
-        red, _, blue = image[row, column].astype(int)
+    image = square(viewer)
+    for column, row in viewer.camera.pixels(complex(x, y) + radius * away / np.abs(away)).round().astype(int):
+        red, _, blue = image[row, column]
         assert red - blue > 100  # gold
-    viewer.scene.seen, viewer.glance = None, viewer.glance._replace(closed=False)
-    assert not np.array_equal(viewer.picture()[:, :SIZE], image[:, :SIZE])
+    assert not np.array_equal(square(viewer, closed=False), image)
 
 
 def test_policies_of_one_world_have_colours_of_their_own():
     names = ["greedy", "zoo:a", "zoo:b", "zoo:c", "ppo"]
     assert len(set(team_colours(names))) == len(names)
     assert team_colours(["swinging", "greedy"]) == [LOOKS["swinging"].colour, LOOKS["greedy"].colour]
-    plain, teamed = (
-        seen(RACE, teams)[0].picture() for teams in (None, Teams(["greedy", "random"], np.arange(8) % 2))
-    )
+    teams = Teams(["greedy", "random"], np.arange(8) % 2)
+    plain, teamed = (seen(RACE, teams=each, decisions=20)[0].picture() for each in (None, teams))
     assert not np.array_equal(plain[:, :SIZE], teamed[:, :SIZE])
     assert not np.array_equal(plain[400:450, SIZE:], teamed[400:450, SIZE:])  # the legend
 
 
-def data_of(text):
-    return json.loads(re.search(r"const data = (.*);\n", text)[1])
+@pytest.mark.parametrize(("diameter", "finished", "brighter"), [(0.6, 0, 0.6), (0.1, 0, 0), (0.6, 1, 0)])
+def test_disks_of_contact_are_drawn_where_they_are_seen_and_push(diameter, finished, brighter):
+    cells, camera = np.array([0j, 3 + 0j]), Camera(0.0, 0.0, 9.0)
+    one, over = np.ones(2), np.array([finished > 0, False])
+    glance = Glance(cells, 0 * one, one, one, one, over)
+    contacts = (), (swarm.Contact(diameter=diameter), swarm.Contact(diameter=0.01))
+    plain, touched = (
+        Scene(swarm.World(interactions=each)).picture(camera, glance, [], np.zeros((1, 4))).astype(int)
+        for each in contacts
+    )
+    rows = np.flatnonzero((touched != plain).any(axis=2)[:, 345:375].any(axis=1))  # around the first cell
+    assert np.ptp(rows) / camera.scale == pytest.approx(brighter, abs=0.04) if brighter else not len(rows)
+
+
+@in_a_browser
+@pytest.mark.parametrize(("start", "outside_is_seen"), [(12.2, False), (13.6, True)])
+def test_a_page_shows_disks_of_contact_and_no_water_beyond_its_box(tmp_path, start, outside_is_seen):
+    medium = swarm.Medium(box=((-5, 15), (-5, 15)), shape=(160, 160), uptake=0.02)
+    world = EATING.replace(medium=medium, interactions=(swarm.Contact(diameter=0.5),), life=3.0)
+    world = world.replace(start_box=((start, start), (12.0, 12.6)))
+    results = population_test(world, {}, cells=2, life=3.0, limit=False)
+    save_page(results, tmp_path / "page.html", world=world)
+    code = """
+      const pane = shown[0], seen = [], gl = $("water").getContext("webgl2");
+      const pen = $("over").getContext("2d");
+      Object.assign(camera, { x: 15, y: 13, scale: 60 }); mode = "free"; stale = true;
+      for (const id of ["gradient", "ways"]) $(id).checked = false;
+      draw(0);
+      const at = (x, y) => [pane.width / 2 + 60 * (x - 15), pane.height / 2 - 60 * (y - 13)].map(Math.round);
+      for (const x of [14, 15.2, 18]) {
+        const pixel = new Uint8Array(4), [column, row] = at(x, 12.3);
+        gl.readPixels(column, $("water").height - row, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
+        seen.push(pixel[1]);
+      }
+      pane.lives.place(0, now);
+      const [x, y] = onScreen(pane, 0).map(Math.round);
+      for (const away of [8, 15, 20]) seen.push(pen.getImageData(x + away, y, 1, 1).data[3]);
+      document.body.dataset.seen = seen.join(" ");"""
+    probed(tmp_path / "page.html", code)
+    dom = opened(tmp_path / "page.html", "#t=1&theme=dark", tmp_path / "profile")
+    inside, beyond, far, disk, rim, outside = map(int, re.search(r'data-seen="([\d ]+)"', dom)[1].split())
+    assert inside > 50 > beyond  # green
+    assert (beyond > far + 15) == outside_is_seen
+    assert rim > disk > outside == 0
 
 
 def test_a_page_holds_frames_of_the_medium_and_stays_small(tmp_path):
     medium = swarm.Medium(shape=(80, 70), uptake=0.02, leaving="wrap")
     world = EATING.replace(medium=medium)
-    results = population_test(world, {"swinging": swarm.Swinging()}, cells=40, life=80.0, limit=False)
+    results = population_test(world, {"swinging": swarm.Swinging()}, cells=8, life=80.0, limit=False)
     save_population(results, tmp_path / "population.nc")
     assert load_population(tmp_path / "population.nc").identical(results)
     assert results["medium"].sizes["x"] <= 64
@@ -99,7 +126,8 @@ def test_a_page_holds_frames_of_the_medium_and_stays_small(tmp_path):
 
 @pytest.mark.parametrize("out", ["race.html", "race.gif"])
 def test_a_contest_is_watched(tmp_path, out):
-    watch("greedy", RACE, against="random", share=0.25, cells=8, out=tmp_path / out)
+    race = RACE if out.endswith("html") else RACE.replace(life=2.0)
+    watch("greedy", race, against="random", share=0.25, cells=8, out=tmp_path / out)
     if out.endswith("html"):
         data = data_of((tmp_path / out).read_text(encoding="utf-8"))
         assert data["teams"]["names"] == ["greedy", "random"]

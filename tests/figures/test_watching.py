@@ -17,6 +17,8 @@ from swarm.policies.strategies import Swinging
 from swarm.population.contest import population_test
 from swarm.population.results import save_population
 
+SHORT = World(life=1.0)
+
 
 def film_of(path, height):
     """The pictures (pictures, height, width, 3) of a film that is `height` pixels high."""
@@ -27,21 +29,14 @@ def film_of(path, height):
     return np.frombuffer(data, np.uint8).reshape(-1, height, height * 4 // 3, 3)
 
 
-@pytest.mark.parametrize("suffix", FORMS)
-def test_a_film_shows_every_decision(tmp_path, suffix):
-    world, path = World(life=2.0), tmp_path / f"swim{suffix}"
-    watch("greedy", world, cells=3, out=path)
-    form = FORMS[suffix]
-    film = film_of(path, form.height)
-    assert film.shape == (1 + form.frames * world.max_decisions, form.height, form.height * 4 // 3, 3)
+@pytest.mark.parametrize(("suffix", "size"), [(".gif", None), (".mp4", None), (".gif", 90), (".mp4", 150)])
+def test_a_film_shows_every_decision_in_the_size_that_is_asked_for(tmp_path, suffix, size):
+    path, form = tmp_path / f"swim{suffix}", FORMS[suffix]
+    world = World.in_space(life=0.1) if size == 90 else SHORT
+    watch("greedy", world, cells=2, out=path, size=size)
+    height = size or form.height
+    assert film_of(path, height).shape == (1 + form.frames * world.max_decisions, height, height * 4 // 3, 3)
     assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
-def test_a_film_has_the_size_that_is_asked_for(tmp_path, suffix):
-    path = tmp_path / f"swim{suffix}"
-    watch("greedy", World(life=1.0), cells=2, out=path, size=150)
-    assert film_of(path, 150).shape[1:] == (150, 200, 3)
 
 
 @pytest.mark.slow
@@ -55,17 +50,36 @@ def test_a_gif_of_ten_time_units_is_small_and_keeps_its_colours(tmp_path):
     assert (colours[:, 0].astype(int) - colours[:, 2]).max() > 100  # yellow trails
 
 
-@pytest.mark.parametrize("size", [89, 721, 0, -1])
-def test_a_size_that_cannot_be_drawn_is_refused_before_anything_is_drawn(tmp_path, monkeypatch, size):
-    monkeypatch.setattr("swarm.figures.viewer.Viewer.picture", lambda *_: pytest.fail("drawn"))
-    with pytest.raises(ValueError, match=rf"size must be .* (90|720).*, got {size}"):
-        watch("greedy", World(life=2.0), out=tmp_path / "swim.gif", size=size)
+def test_a_page_shows_the_policy(tmp_path):
+    watch("swinging", SHORT, cells=3, out=tmp_path / "swim.html")
+    assert '"name": "swinging"' in (tmp_path / "swim.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("out", [None, "swim.html"])
-def test_only_films_have_a_size(tmp_path, out):
-    with pytest.raises(ValueError, match=r"size must come with a film, .*\.gif.*, got 300"):
-        check_target(out and tmp_path / out, 300)
+def test_a_stored_population_becomes_the_same_page_and_no_film_or_window(tmp_path):
+    stored, out = tmp_path / "population.nc", tmp_path / "swim.html"
+    results = population_test(World(), {"swinging": Swinging()}, cells=3, life=4.0, limit=False)
+    save_population(results, stored)
+    save_page_of(stored, out, cells=2)
+    expected = page(results, title=f"{tmp_path.name}/population.nc", cells=2)
+    assert out.read_text(encoding="utf-8") == expected
+    for other in (None, tmp_path / "swim.gif"):
+        with pytest.raises(ValueError, match=r"watched on a page: out must end in .html, got"):
+            save_page_of(stored, other)
+
+
+@pytest.mark.parametrize(
+    ("out", "size", "message"),
+    [
+        *(("swim.gif", size, rf"size must be .* (90|720).*, got {size}") for size in (89, 721, 0, -1)),
+        (None, 300, r"size must come with a film, .*\.gif.*, got 300"),
+        ("swim.html", 300, r"size must come with a film, .*\.gif.*, got 300"),
+        ("swim.avi", None, r"out must end in .*swim.avi"),
+        ("none/swim.gif", None, "the folder of .* must be there"),
+    ],
+)
+def test_a_target_that_cannot_be_is_refused_before_anything_is_drawn(tmp_path, out, size, message):
+    with pytest.raises((ValueError, OSError), match=message):
+        watch("nobody", SHORT, out=out and tmp_path / out, size=size)
 
 
 def test_a_video_without_its_encoder_says_what_to_install(tmp_path, monkeypatch):
@@ -75,34 +89,10 @@ def test_a_video_without_its_encoder_says_what_to_install(tmp_path, monkeypatch)
     check_target(tmp_path / "swim.gif")
 
 
-def test_a_page_shows_the_policy(tmp_path):
-    watch("swinging", World(life=2.0), cells=3, out=tmp_path / "swim.html")
-    assert '"name": "swinging"' in (tmp_path / "swim.html").read_text(encoding="utf-8")
-
-
-def test_a_stored_population_becomes_the_same_page(tmp_path):
-    results = population_test(World(), {"swinging": Swinging()}, cells=3, life=4.0, limit=False)
-    save_population(results, tmp_path / "population.nc")
-    save_page_of(tmp_path / "population.nc", tmp_path / "swim.html", cells=2)
-    expected = page(results, title=f"{tmp_path.name}/population.nc", cells=2)
-    assert (tmp_path / "swim.html").read_text(encoding="utf-8") == expected
-
-
-def test_a_stored_population_makes_no_film_and_no_window(tmp_path):
-    for out in (None, tmp_path / "swim.gif"):
-        with pytest.raises(ValueError, match=r"watched on a page: out must end in .html, got"):
-            save_page_of(tmp_path / "population.nc", out)
-
-
-def test_other_endings_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"out must end in .*swim.avi"):
-        check_target(tmp_path / "swim.avi")
-
-
 def test_what_is_there_is_not_overwritten(tmp_path):
     (tmp_path / "swim.gif").write_text("mine")
     with pytest.raises(FileExistsError, match="must be a new file"):
-        watch("greedy", World(life=2.0), out=tmp_path / "swim.gif")
+        watch("greedy", SHORT, out=tmp_path / "swim.gif")
     assert (tmp_path / "swim.gif").read_text() == "mine"
 
 
@@ -110,11 +100,11 @@ def test_what_is_there_is_not_overwritten(tmp_path):
 def test_without_a_display_nobody_plays_to_an_empty_room(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     with pytest.raises(OSError, match=r"a window needs a display.*--out FILE makes a film or a page"):
-        watch("greedy", World(life=2.0))
+        watch("greedy", SHORT)
 
 
 def test_nothing_is_left_of_a_film_that_fails(tmp_path, monkeypatch):
     monkeypatch.setattr("swarm.figures.viewer.Viewer.picture", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        watch("greedy", World(life=2.0), out=tmp_path / "swim.gif")
+        watch("greedy", SHORT, out=tmp_path / "swim.gif")
     assert list(tmp_path.iterdir()) == []

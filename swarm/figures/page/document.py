@@ -12,8 +12,8 @@ import numpy as np
 from swarm._support import files
 from swarm.figures.page.lives import fitting, policies_of
 from swarm.figures.page.water import background
-from swarm.figures.scene import Teams
-from swarm.figures.style import on_dark, team_colours
+from swarm.figures.scene import Teams, contact_of
+from swarm.figures.style import ON_DARK, team_colours
 from swarm.optimal import physical_limit
 from swarm.physics.starts import Starts
 from swarm.physics.world import World
@@ -63,6 +63,7 @@ def page(
         "speeds": world.action_speeds,
         "policies": policies_of(results, shown),
         "teams": teams and _teams(teams, shown),
+        "contact": contact_of(world),
         "needed": world.first_arrivals,
         "delay": world.block_delay,
         "limit": _limit(results, world),
@@ -87,7 +88,7 @@ def _asset(name: str) -> str:
 
 def _teams(teams: Teams, shown: int) -> dict[str, Any]:
     names = [str(name) for name in teams.names]
-    colours = [[each, on_dark(each)] for each in team_colours(names)]
+    colours = [[each, ON_DARK[each]] for each in team_colours(names)]
     return {"names": names, "colours": colours, "cells": teams.steered_by[:shown].tolist()}
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarm.figures.style import look, on_dark, team_colours
+from swarm.figures.style import ON_DARK, look, team_colours
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,7 +32,7 @@ def policies_of(results: xr.Dataset, shown: int) -> list[dict[str, Any]]:
     names = [str(name) for name in results["policy"].values]
     return [
         _policy(results.sel(policy=name), shown)
-        | {"name": name, "label": look(name).label.replace(r"\$", "$"), "colours": [colour, on_dark(colour)]}
+        | {"name": name, "label": look(name).label.replace(r"\$", "$"), "colours": [colour, ON_DARK[colour]]}
         for name, colour in zip(names, team_colours(names), strict=True)
     ]
 

@@ -18,21 +18,15 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PIXELS = 144  # of what stands still, along its longer side
-CHANGING = 64  # of a medium
+CHANGING = 80  # of a medium
 FRAMES = 32  # of it, at most
-UNSTEADY, MOMENTS, EACH = (
-    48,
-    160,
-    0.5,
-)  # of what changes by itself: pixels, at most so many times, so far apart
+UNSTEADY, MOMENTS, EACH = 48, 160, 0.5  # of what changes by itself: pixels, most times, and how far apart
 MOST_IN_SPACE = 0.99  # of all values to which colours run, of which the highest lie within the egg
 IN_SPACE, UNSTEADY_IN_SPACE, MOMENTS_IN_SPACE, ARROWS_IN_SPACE = 40, 20, 40, 7  # the same in space
 ARROWS = 24  # places along the longer side at which the flow's direction is kept
-MARGIN = 0.2  # around all paths, of their longer side
+MARGIN, NEAREST = 0.4, 1.6  # around all paths, of their longer side and besides [length]; the last 0.6 fade
 SHORE = LinearSegmentedColormap.from_list("shore", ["#f7fafc", "#dcebf3", "#b9d8e6", "#8fc1d2", "#66a6b8"])
-HEATHER = LinearSegmentedColormap.from_list(
-    "heather", ["#fbf9fc", "#ebe4f3", "#d6c9e6", "#c0add6", "#a98fc4"]
-)
+HEATH = LinearSegmentedColormap.from_list("heath", ["#fbf9fc", "#ebe4f3", "#d6c9e6", "#c0add6", "#a98fc4"])
 
 Film = tuple[np.ndarray, np.ndarray]  # times (frames,), values (frames, rows, columns)
 
@@ -52,8 +46,8 @@ def background(results: xr.Dataset, world: World, shown: int) -> dict[str, Any]:
     layers = [_layer("concentration", films, SEA, SHORE)]
     flow = None
     if world.in_flow:
-        speeds = times, np.stack([_speed(world, float(time), places) for time in times])
-        fast = _layer("flow speed", [speeds], PLUM, HEATHER)
+        speeds = times, np.stack([speed_at(world, float(time), places) for time in times])
+        fast = _layer("flow speed", [speeds], PLUM, HEATH)
         layers = [*layers, fast] if "medium" in results else [fast, *layers]
         sparse = _grid(low, high, ARROWS_IN_SPACE if in_space else ARROWS)
         found = np.stack([velocity_at(world, float(time), sparse) for time in times])
@@ -67,17 +61,9 @@ def _room(results: xr.Dataset, shown: int) -> tuple[np.ndarray, np.ndarray]:
     position = results["position"].isel(cell=slice(shown)).values
     low, high = np.nanmin(position, axis=(0, 1, 2)), np.nanmax(position, axis=(0, 1, 2))
     longest = float((high - low).max())
-    square, margin = (0.6, MARGIN) if "medium" in results else (1.0, 2 * MARGIN)
-    if len(low) == 3:
-        square, margin = 0.25, 0.1
-    wide = np.maximum(high - low, square * longest) + 2 * (margin * longest + 1.0)
+    square, margin, nearest = (1.0, MARGIN, NEAREST) if len(low) == 2 else (0.25, 0.1, 1.0)
+    wide = np.maximum(high - low, square * longest) + 2 * (margin * longest + nearest)
     return (low + high - wide) / 2, (low + high + wide) / 2
-
-
-def _speed(world: World, time: float, places: np.ndarray) -> np.ndarray:
-    if places.shape[-1] == 2:
-        return np.abs(speed_at(world, time, places))
-    return np.linalg.norm(velocity_at(world, time, places), axis=-1)
 
 
 def _grid(low: np.ndarray, high: np.ndarray, longer: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from swarm.figures import style
-from swarm.figures.plots.space import framed, mark, panel
+from swarm.figures.plots.space import framed, mark_start, panel
 from swarm.figures.scene import Helices
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.collocation import swim
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 TALL = 1.45  # height per width of the panel with paths
 ENLARGED = 0.42  # width of its enlarged part, of the panel's; height 0.5
 POINTS = 12  # into which an interval's path is cut
+WINDOW = 0.0, 16.0  # of time, in which curvature and enlarged paths are shown
 
 
 def path_of(results: xr.Dataset, world: World, policy: str, cell: int, *, points: int = POINTS) -> np.ndarray:
@@ -30,28 +31,22 @@ def path_of(results: xr.Dataset, world: World, policy: str, cell: int, *, points
     """
     life = results.sel(policy=policy).isel(cell=cell)
     alive = np.isfinite(life["time"].values)
-    time, angle, curvature, position = (
+    time, heading, curvature, position = (
         life[name].values[alive].astype(float) for name in ("time", "heading", "curvature", "position")
     )
     moved = np.flatnonzero(np.diff(time) > 0)
     share, wait = np.linspace(0, 1, points + 1), np.diff(time)[moved]
-    bend, end = curvature[moved + 1], position[moved + 1]
-    speed = np.interp(bend, world.curvatures, world.action_speeds)
-    if world.torsions is not None:
-        start, torsion = (
-            Pose(position[moved], angle[moved]),
-            np.interp(bend, world.curvatures, world.torsions),
-        )
-        places = Helices(start, end, bend, torsion, speed, wait, wait > 0).places(share)
-        return np.concatenate([places[:, :-1].reshape(-1, 3), end[-1:]])
-    heading = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    shape = (len(moved), points + 1, 2)
-    pose = Pose(*(np.broadcast_to(each[moved, None], shape) for each in (position, heading)))
-    kappa, speed = (np.repeat(each[:, None], points + 1, axis=1) for each in (bend, speed))
-    places = swim(pose, kappa, speed, wait[:, None] * share, world.flow).position
-    # Where noise bent the path, the arc ends beside the next place: the difference is spread over it.
-    places = places + share[:, None] * (end - places[:, -1])[:, None]
-    return np.concatenate([places[:, :-1].reshape(-1, 2), end[-1:]])
+    bend, start, end = curvature[moved + 1], position[moved], position[moved + 1]
+    if world.dimensions == 3:
+        places = Helices.of(world, Pose(start, heading[moved]), end, bend, wait, wait > 0).places(share)
+    else:
+        angle = heading[moved, None] + 0 * share
+        pose = Pose(start[:, None] + 0 * share[:, None], np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+        kappa, speed = bend[:, None] + 0 * share, np.interp(bend, world.curvatures, world.action_speeds)
+        places = swim(pose, kappa, speed[:, None] + 0 * share, wait[:, None] * share, world.flow).position
+        # Where noise bent the path, the arc ends beside the next place: the difference is spread over it.
+        places = places + share[:, None] * (end - places[:, -1])[:, None]
+    return np.concatenate([places[:, :-1].reshape(-1, places.shape[-1]), end[-1:]])
 
 
 @style.styled
@@ -61,12 +56,11 @@ def comparison(
     *,
     cell: int = 0,
     policies: Sequence[str] | None = None,
-    window: tuple[float, float] = (0.0, 16.0),
     enlarged: bool = True,
 ) -> Figure:
-    """One cell under each policy: (a) its curvature during a `window` of time, (b) its path, (c) its gain.
+    """One cell under each policy: (a) its curvature up to t = 16, (b) its path, (c) its gain.
 
-    `policies` are by default all; `enlarged` shows the path of the window once more, larger, in the plane.
+    `policies` are by default all; `enlarged` shows the path up to then once more, larger, in the plane.
     """
     chosen = style.chosen_policies(results, policies)
     figure = style.canvas(1.0, 0.52)
@@ -74,25 +68,22 @@ def comparison(
     lanes = columns[0].subgridspec(len(chosen), 1, hspace=0.12).subplots(sharex=True, squeeze=False)[:, 0]
     looks = style.looks(chosen)
     for axes, name in zip(lanes, chosen, strict=True):
-        _curvature_lane(axes, results.sel(policy=name).isel(cell=cell), world, looks[name], window)
-        least, most = world.curvature_bounds
-        axes.set_ylim(top=most + (0.3 + 0.08 * len(chosen)) * (most - least))
+        _curvature_lane(axes, results.sel(policy=name).isel(cell=cell), world, looks[name], len(chosen))
     lanes[-1].set_xlabel("time $t$")
     path, gain = panel(figure, columns[1], world), figure.add_subplot(columns[2])
-    _paths_panel(path, results, world, looks, cell, window if enlarged else None)
+    _paths_panel(path, results, world, looks, cell, enlarged=enlarged)
     _gain_panel(gain, results, looks, cell)
     style.lettered([lanes[0], path, gain])
     return figure
 
 
-def _curvature_lane(
-    axes: Axes, life: xr.Dataset, world: World, look: style.Look, window: tuple[float, float]
-) -> None:
+def _curvature_lane(axes: Axes, life: xr.Dataset, world: World, look: style.Look, lanes: int) -> None:
     time, curvature = life["time"].values, life["curvature"].values
-    shown = np.isfinite(time) & (time <= window[1] + 2 * max(world.intervals))
+    shown = np.isfinite(time) & (time <= WINDOW[1] + 2 * max(world.intervals))
     axes.stairs(curvature[shown][1:], time[shown], baseline=None, color=look.colour, linewidth=1.2)
     least, most = world.curvature_bounds
-    axes.set(xlim=window, ylim=(least - 0.25 * (most - least), most))
+    span = most - least
+    axes.set(xlim=WINDOW, ylim=(least - 0.25 * span, most + (0.3 + 0.08 * lanes) * span))
     axes.set(yticks=world.action_range or world.curvatures, ylabel=r"$\kappa$")
     where: dict[str, Any] = {"transform": axes.transAxes, "ha": "right", "va": "top", "fontsize": 8}
     axes.text(0.99, 0.98, look.label, color=look.colour, **where)
@@ -121,23 +112,23 @@ def _paths_panel(
     world: World,
     looks: Mapping[str, style.Look],
     cell: int,
-    window: tuple[float, float] | None,
+    *,
+    enlarged: bool,
 ) -> None:
     paths = {name: path_of(results, world, name, cell) for name in looks}
     for name in reversed(list(looks)):
         axes.plot(*paths[name].T, color=looks[name].colour, linewidth=0.6)
     if world.dimensions == 3:
         framed(axes, world)
-        mark(axes, paths[next(iter(looks))][0])
+        mark_start(axes, results, cell)
         return
-    style.mark_start(axes, results, cell)
+    mark_start(axes, results, cell)
     axes.set(xlabel="$x$", ylabel="$y$")
     shown = {}
     for name in looks:
-        if window is not None and name != "swinging":
+        if enlarged and name != "swinging":
             time = results["time"].sel(policy=name).isel(cell=cell).values
-            first, last = np.searchsorted(time[np.isfinite(time)], window)
-            shown[name] = paths[name][max(0, first - 1) * POINTS : last * POINTS + 1]
+            shown[name] = paths[name][: np.searchsorted(time[np.isfinite(time)], WINDOW[1]) * POINTS + 1]
     _fit(axes, free=ENLARGED if shown else 0.0)
     if shown:
         _enlarge(axes, shown, looks, results, cell)
@@ -166,7 +157,7 @@ def _enlarge(
     inset = axes.inset_axes((0.99 - ENLARGED, 0.02, ENLARGED, 0.5))
     for name, path in reversed(list(shown.items())):
         inset.plot(*path.T, color=looks[name].colour, linewidth=0.9)
-    style.mark_start(inset, results, cell)
+    mark_start(inset, results, cell)
     inset.set(xlim=(x - half, x + half), ylim=(y - tall * half, y + tall * half), xticks=[], yticks=[])
     inset.spines[:].set_visible(True)
     axes.indicate_inset_zoom(inset, edgecolor=style.INK, linewidth=0.6)

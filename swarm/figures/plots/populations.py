@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from swarm.figures import style
 from swarm.figures.plots.life import path_of
-from swarm.figures.plots.space import framed, mark, panel, panels
+from swarm.figures.plots.space import framed, mark_start, panel, panels
 from swarm.physics.fields import LinearField
 from swarm.physics.world import World
 from swarm.population.statistics import statistics
@@ -63,13 +64,7 @@ def _centreline(results: xr.Dataset, policy: str, cell: int) -> np.ndarray:
 
 
 def _draw_centrelines(
-    axes: Axes,
-    results: xr.Dataset,
-    policy: str,
-    look: style.Look,
-    cells: int | None,
-    *,
-    width: float = 0.9,
+    axes: Axes, results: xr.Dataset, policy: str, look: style.Look, cells: int | None, width: float = 0.9
 ) -> None:
     for cell in range(results.sizes["cell"])[:cells]:
         line = _centreline(results, policy, cell)
@@ -84,23 +79,14 @@ def _centrelines_panel(
     for name in reversed(policies):
         _draw_centrelines(axes, results, name, looks[name], cells)
     framed(axes, world, square=world.egg is not None, narrowest=0.8)
-    if world.dimensions == 3:
-        pass  # the axes say where concentration grows
-    elif isinstance(world.field, LinearField):
+    if isinstance(world.field, LinearField) and world.dimensions == 2:
         arrow = {"arrowstyle": "-|>", "color": style.INK, "linewidth": 1.0, "shrinkB": 0}
         middle: dict[str, Any] = {"ha": "center", "va": "top", "xycoords": "axes fraction"}
         axes.annotate(r"$\nabla c$", (0.08, 0.99), (0.08, 0.83), arrowprops=arrow, **middle)
-    else:
+    elif world.dimensions == 2:  # in space the axes say where concentration grows
         style.shade_concentration([axes], world)
-    style.legend(
-        axes,
-        looks,
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.02),
-        ncols=3,
-        handlelength=1.8,
-        columnspacing=1.2,
-    )
+    above: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.02), "ncols": 3}
+    style.legend(axes, looks, **above, handlelength=1.8, columnspacing=1.2)
 
 
 ACROSS = 4  # panels of a flow, at most, in a row
@@ -130,15 +116,12 @@ def _flow_panels(results: xr.Dataset, world: World, policies: Sequence[str], cel
     width = (style.WIDTH - 1.2) / across
     height = rows * (width * (top - bottom) / (right - left) + 0.8)
     figure.set_size_inches(style.WIDTH, min(9.0, max(2.6, height)))
-
-    def flow_speed(position: np.ndarray) -> np.ndarray:
-        return style.in_domain(
-            world, lambda places: np.linalg.norm(world.flow.velocity(places), axis=-1), position
-        )
-
+    speed = partial(
+        style.in_domain, world, lambda places: np.linalg.norm(world.flow.velocity(places), axis=-1)
+    )
     for axes in panels:
         axes.set_aspect("equal", adjustable="box")
-        mesh = style.shade(axes, flow_speed, style.BRIGHT_IS_FAST, (0.0, None))
+        mesh = style.shade(axes, speed, style.BRIGHT_IS_FAST, (0.0, None))
     style.lettered(panels)
     figure.colorbar(mesh, ax=list(panels), label="flow speed $|u|$", shrink=0.6, aspect=30, pad=0.015)
     return figure
@@ -218,7 +201,7 @@ def radial(
     left, right = panels(figure, world, 2)
     left.plot(*path_of(results, world, name, cell).T, color=colour, linewidth=0.6)
     left.plot(*_centreline(results, name, cell).T, color=style.INK, linewidth=1.2)
-    mark(left, results["start_position"].isel(cell=cell).values)
+    mark_start(left, results, cell)
     _draw_centrelines(right, results, name, look, cells, width=1.1)
     for axes in (left, right):
         framed(axes, world, square=True)

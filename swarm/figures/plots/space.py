@@ -4,15 +4,19 @@ sphere.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from swarm.figures import style
 from swarm.physics.fields import LinearField
 from swarm.physics.world import World
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 WALL, GRID = (0.955, 0.96, 0.97, 1.0), "#d3dae2"
 SHADOW, NARROWEST, MARGIN = 0.13, 0.4, 0.06  # opacity; least side, per longest; room around what is drawn
@@ -33,7 +37,7 @@ def panel(figure: Figure, place: Any, world: World) -> Any:
         axis.set_pane_color(WALL)
         axis._axinfo["grid"].update(color=GRID, linewidth=0.5)
         axis.set_tick_params(pad=-1.0, labelsize=7)
-        axis.set_major_locator(style.few_ticks())
+        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     return axes
 
 
@@ -72,10 +76,10 @@ def _frame_in_space(axes: Any, world: World) -> None:
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(wide, zoom=ZOOM)
     along = r"$z \parallel \nabla c$" if isinstance(world.field, LinearField) else "$z$"
-    pads: dict[str, Any] = {"labelpad": -6.0}
-    axes.set_xlabel("$x$", **pads)
-    axes.set_ylabel("$y$", **pads)
-    axes.set_zlabel(along, rotation=90, **pads)
+    axes.set(xlabel="$x$", ylabel="$y$")
+    axes.set_zlabel(along, rotation=90)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.labelpad = -6.0
 
 
 def _sphere(world: World, points: int) -> np.ndarray:
@@ -86,6 +90,7 @@ def _sphere(world: World, points: int) -> np.ndarray:
     return np.array(world.egg[0])[:, None, None] + world.egg[1] * np.stack(unit)
 
 
-def mark(axes: Any, place: np.ndarray) -> None:
-    """A dot at a place."""
-    axes.plot(*([each] for each in place), "o", color=style.INK, markersize=3, zorder=5)
+def mark_start(axes: Any, results: xr.Dataset, cell: int) -> None:
+    """A dot where a cell began."""
+    place = results["start_position"].isel(cell=cell).values
+    axes.plot(*place[:, None], "o", color=style.INK, markersize=3, zorder=5)

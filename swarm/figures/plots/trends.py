@@ -128,29 +128,22 @@ def _sweep_panel(axes: Axes, panel: Sweep) -> None:
 
 
 @style.styled
-def noise_sweep(
-    levels: Sequence[float],
-    results: Sequence[xr.Dataset],
-    *,
-    label: str,
-    policies: Sequence[str] | None = None,
-) -> Figure:
+def noise_sweep(levels: Sequence[float], results: Sequence[xr.Dataset], *, label: str) -> Figure:
     """Mean gain, with its 95% interval, against a perturbation's strength, a test per level."""
     if len(levels) != len(results) or not len(levels):
         raise ValueError(f"levels must be one for each of the results, got {len(levels)} and {len(results)}")
     figure = style.canvas(0.62, 0.42)
     axes = figure.add_subplot()
     numbers = [statistics(one) for one in results]
-    chosen = style.chosen_policies(results[0], policies)
-    found = {}
-    for name, look in style.looks(chosen).items():
+    found, looks = {}, style.looks(style.chosen_policies(results[0]))
+    for name, look in looks.items():
         means = [each[name]["mean"] for each in numbers]
         intervals = [each[name]["ci95"] or (each[name]["mean"],) * 2 for each in numbers]
         found[name] = np.column_stack([means, intervals])
         axes.fill_between(levels, *np.transpose(intervals), color=look.colour, alpha=0.2, linewidth=0)
     _sweep_panel(axes, Sweep(levels, found, label, r"mean gain $\Delta c$"))
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-    style.legend(axes, style.looks(chosen), loc="best")
+    style.legend(axes, looks, loc="best")
     return figure
 
 

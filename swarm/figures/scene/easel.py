@@ -47,12 +47,10 @@ class Easel:
         return np.ascontiguousarray(np.asarray(self.canvas.buffer_rgba())[..., :3])
 
     def draw(self, artist: Artist, **options: Any) -> None:
-        """An artist."""
         artist.set(**{"figure": self.figure, "transform": PIXELS, **options})
         artist.draw(self.canvas.get_renderer())
 
     def write(self, column: float, row: float, text: str, **options: Any) -> None:
-        """A text."""
         self.draw(Text(column, row, text, **options))
 
     def show(self, image: np.ndarray, column: int, row: int) -> None:
@@ -65,10 +63,8 @@ class Easel:
         drawn = EllipseCollection(*shape, units="dots", offsets=places, offset_transform=PIXELS, **colours)
         self.draw(drawn, clip_box=SQUARE, transform=IdentityTransform())
 
-    def lines(
-        self, lines: Sequence[np.ndarray], colour: str, opacity: Sequence[float] | np.ndarray, width: float
-    ) -> None:
-        """Lines (k, 2) of their opacities."""
+    def lines(self, lines: Sequence[np.ndarray], colour: str, opacity: Any, width: float) -> None:
+        """Lines (k, 2), each of its opacity."""
         colours = [(*to_rgb(colour), each) for each in opacity]
         drawn = LineCollection(lines, colors=colours, linewidths=width, capstyle="butt", joinstyle="round")
         self.draw(drawn, clip_box=SQUARE)

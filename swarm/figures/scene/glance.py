@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm.figures.scene.easel import SIZE
+from swarm.physics.crowd.interactions import Contact
+from swarm.physics.world import World
 
 TRAIL = 28  # decisions that a trail reaches back
 
@@ -34,23 +36,18 @@ class Camera(NamedTuple):
     # What the view of space has to compute, `Orbit`, is plain here.
 
     def flat(self, places: np.ndarray) -> np.ndarray:
-        """Complex places (...) of the picture."""
         return places
 
     def angle(self, places: np.ndarray, heading: np.ndarray) -> np.ndarray:
-        """In which directions (...) of the picture cells head [rad]."""
         return heading
 
     def nearness(self, places: np.ndarray) -> float:
-        """How much larger than at the centre things are seen."""
         return 1.0
 
     def order(self, places: np.ndarray, below: np.ndarray) -> np.ndarray:
-        """The cells (cells,) as they are drawn, first those that are to lie `below`."""
         return np.argsort(~below, kind="stable")
 
     def layers(self, groups: Groups, places: np.ndarray) -> Groups:
-        """Groups of cells, each of one colour, as they are drawn."""
         return groups
 
 
@@ -97,6 +94,11 @@ class Segment(NamedTuple):
     def heading(self, share: float, end: np.ndarray) -> np.ndarray:
         """Where cells head (cells,) at a share of the interval, at whose end they head to `end` [rad]."""
         return end - np.where(self.seen, (1 - share) * self.turn, 0.0)
+
+
+def contact_of(world: World) -> float:
+    """Diameter of the disks that push each other apart [length]; 0 where cells do not touch."""
+    return max((each.diameter for each in world.interactions if isinstance(each, Contact)), default=0.0)
 
 
 def places_behind(trail: Sequence[Any], share: float, back: np.ndarray) -> np.ndarray:

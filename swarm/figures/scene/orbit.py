@@ -12,6 +12,7 @@ from swarm.figures.scene.easel import SIZE
 from swarm.figures.scene.glance import Groups
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.helix import along_helix, helix
+from swarm.physics.world import World
 
 AWAY = 4.0  # of the eye, in edges of the cube
 ROOM = 1.8  # width of the picture, in edges of the cube, which turns in it
@@ -39,18 +40,12 @@ class Orbit(NamedTuple):
             sides = ball[1] * np.array([[-1], [1]])
             places = np.concatenate([places, np.array(ball[0]) + sides])
         low, high = places.min(axis=0), places.max(axis=0)
-        ideal = cls(
-            tuple(((low + high) / 2).tolist()),
-            max(1.12 * float((high - low).max()) + 1.0, SMALLEST),
-            ball=ball,
-        )
-        if before is None:
-            return ideal
-        centre = before.centre + EASE * (ideal.centre - before.centre)
-        needed = 2 * float(np.abs(places - centre).max()) + 0.5
-        return ideal._replace(
-            middle=tuple(centre.tolist()), edge=max(before.edge + EASE * (ideal.edge - before.edge), needed)
-        )
+        middle, edge = (low + high) / 2, max(1.12 * float((high - low).max()) + 1.0, SMALLEST)
+        if before is not None:
+            middle = before.centre + EASE * (middle - before.centre)
+            needed = 2 * float(np.abs(places - middle).max()) + 0.5
+            edge = max(before.edge + EASE * (edge - before.edge), needed)
+        return cls(tuple(middle.tolist()), edge, ball=ball)
 
     def turned(self, decisions: float) -> Orbit:
         """The view after so many decisions."""
@@ -141,6 +136,13 @@ class Helices(NamedTuple):
     speed: np.ndarray  # [length / time]
     duration: np.ndarray  # [time]
     seen: np.ndarray  # (cells,) bool: swum, and in the cell's present life
+
+    @classmethod
+    def of(cls, world: World, start: Pose, end: np.ndarray, bend: np.ndarray, *when: np.ndarray) -> Helices:
+        """Those of a world's cells, by their curvatures, durations, and whether they are `seen`."""
+        assert world.torsions is not None
+        torsion, speed = (np.interp(bend, world.curvatures, y) for y in (world.torsions, world.action_speeds))
+        return cls(start, end, bend, torsion, speed, *when)
 
     def places(self, share: np.ndarray) -> np.ndarray:
         """Places (cells, k, 3) at shares (k,) in [0, 1] of the interval; NaN where nothing is seen.

@@ -10,15 +10,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from swarm.figures.scene.easel import DARK, FAINT, LEFT, RIGHT, Easel, signed
-from swarm.figures.scene.glance import TRAIL, Camera, Glance, Segment, Teams, places_behind
+from swarm.figures.scene.glance import TRAIL, Camera, Glance, Segment, Teams, contact_of, places_behind
 from swarm.figures.scene.orbit import Helices, Orbit
 from swarm.figures.scene.volume import Volume
 from swarm.figures.scene.water import Water
-from swarm.figures.style import in_style, on_dark, plain, team_colours
+from swarm.figures.style import ON_DARK, in_style, plain, team_colours
 from swarm.physics.world import World
 
 CURVE = (190, 290)  # rows of the curve of gains
-TEAM = 24  # of the name of a team [pixels]
+FIRST_TEAM, TEAM = 436, 24  # row of the name of a team, and from one to the next [pixels]
 TAIL = 1.1  # decisions that a flagellum reaches back
 WAVE, BEAT, BEND = 0.8, 0.8, 0.04  # of a flagellum: decisions a wave, waves a decision, height [length]
 Sight = Camera | Orbit
@@ -36,42 +36,28 @@ class Scene:
     def __init__(self, world: World, teams: Teams | None = None) -> None:
         self.world, self.teams = world, teams
         self.seen: tuple | None = None  # for which the backdrop is drawn
-        self.tints = {} if teams is None else dict(enumerate(map(on_dark, team_colours(teams.names))))
+        self.contact = contact_of(world)
+        names = [] if teams is None else list(teams.names)
+        self.tints = dict(enumerate(ON_DARK[each] for each in team_colours(names)))
         lower = TEAM * len(self.tints) + 34 if self.tints else 0
         with in_style(DARK):
             self.easel = Easel()
             self.water = (Water if world.dimensions == 2 else Volume)(world, self.easel, lower)
             shown = "flow speed" if self.water.shows_flow else "concentration"
             labels = [(52, "time"), (130, "mean gain"), (340, "swimming"), (416 + lower, shown)]
+            labels += [(FIRST_TEAM - TEAM, "steered by")] if names else []
             for row, label in labels:
                 self.easel.write(LEFT, row, label, fontsize=13, color=FAINT)
-            if teams is not None:
-                self._write_teams(teams)
+            for i, name in enumerate(names):
+                row = FIRST_TEAM + TEAM * i
+                dot = Line2D([LEFT + 6], [row - 5], color=self.tints[i], marker="o", markersize=11)
+                self.easel.draw(dot, markeredgecolor=HEAD, markeredgewidth=1.0)
+                text = name if len(name) <= 22 else "…" + name[-21:]
+                self.easel.write(LEFT + 20, row, plain(text), fontsize=13)
             self.paper = self.backdrop = self.easel.kept()
 
-    def _write_teams(self, teams: Teams) -> None:
-        """Their names, each in its colour."""
-        self.easel.write(LEFT, 412, "steered by", fontsize=13, color=FAINT)
-        for i, name in enumerate(teams.names):
-            row = 412 + TEAM * (i + 1)
-            dot: dict[str, Any] = {
-                "marker": "o",
-                "markersize": 11,
-                "markeredgecolor": HEAD,
-                "markeredgewidth": 1.0,
-            }
-            self.easel.draw(Line2D([LEFT + 6], [row - 5], color=self.tints[i], **dot))
-            text = name if len(name) <= 22 else "…" + name[-21:]
-            self.easel.write(LEFT + 20, row, plain(text), fontsize=13)
-
     def picture(
-        self,
-        camera: Sight,
-        glance: Glance,
-        trail: Sequence[Path],
-        curve: np.ndarray,
-        *,
-        share: float = 1.0,
+        self, camera: Sight, glance: Glance, trail: Sequence[Path], curve: np.ndarray, share: float = 1.0
     ) -> np.ndarray:
         """The cells of a `glance`, `share` of whose latest segment is swum, and their `trail` (oldest first).
 
@@ -116,7 +102,7 @@ class Scene:
         self._draw_heads(camera, glance, place, camera.angle(place, heading))
 
     def _draw_heads(self, camera: Sight, glance: Glance, place: np.ndarray, angle: np.ndarray) -> None:
-        """Heads, those at rest below; who has won sits at the egg, and bright."""
+        """Heads over their disks, those at rest below; who has won sits at the egg, and bright."""
         resting, heads = glance.finished, np.full(len(place), HEAD, dtype=object)
         if glance.won is not None and self.world.egg is not None:
             (x, y), radius = self.world.egg
@@ -128,8 +114,14 @@ class Scene:
             heads[glance.won] = GOLD
         for tint, cells in self._by_team():
             heads[cells] = tint
+        across, wide = 2 * min(max(0.11 * camera.scale, 4.0), 7.0), self.contact * camera.scale
+        if wide > across:  # disks that push each other apart, where they are seen
+            disks = camera.pixels(place[~glance.finished | glance.finished.all()])
+            size = np.full(len(disks), wide)
+            look = {"facecolors": (HEAD, 0.12), "edgecolors": (HEAD, 0.55), "linewidths": 1.0}
+            self.easel.ellipses(disks, size, size, 0 * size, **look)
         first = camera.order(place, resting)
-        length = np.full(len(first), 2 * min(max(0.11 * camera.scale, 4.0), 7.0))
+        length = np.full(len(first), across)
         length = length * camera.nearness(place[first])
         colours = np.where(resting, RESTING, heads)[first].tolist()
         places, tilt = camera.pixels(camera.flat(place[first])), np.degrees(angle[first])
@@ -156,7 +148,7 @@ class Scene:
             write(LEFT + 104, 366, f"{min(came, needed)} of {needed}{late}", fontsize=18, color=GOLD)
             for i, (_, cells) in enumerate(self._by_team()):
                 wins = str(int((glance.won & cells).sum()))
-                write(RIGHT, 412 + TEAM * (i + 1), wins, fontsize=13, color=GOLD, ha="right")
+                write(RIGHT, FIRST_TEAM + TEAM * i, wins, fontsize=13, color=GOLD, ha="right")
         ends = min(float(least.min()), 0.0), max(float(largest.max()), 1e-9)
         x = np.interp(time, (0, max(time[-1], 1e-9)), (LEFT, RIGHT))
         zero, mean, least, largest = (np.interp(y, ends, CURVE[::-1]) for y in (0.0, mean, least, largest))

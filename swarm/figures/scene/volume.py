@@ -12,7 +12,7 @@ from PIL import Image
 from swarm.figures.scene.easel import FAINT, INK, SIZE, nice_step, signed
 from swarm.figures.scene.glance import Glance
 from swarm.figures.scene.orbit import Orbit
-from swarm.figures.scene.water import Water, concentration_at, levels_of, velocity_at
+from swarm.figures.scene.water import Water, concentration_at, levels_of, speed_at, velocity_at
 
 NODES = 48  # of a wall along each side
 GRADIENT = "#f0e442"
@@ -31,7 +31,7 @@ class Volume(Water):
         time, far = float(glance.time.max()), np.where(camera.axes[2] > 0, -0.5, 0.5)
         walls = [camera.place(_wall(far, axis, _mesh(SIDE))) for axis in range(3)]
         held = [concentration_at(self.world, time, wall) for wall in walls]
-        shown = [_size(velocity_at(self.world, time, wall)) for wall in walls] if self.shows_flow else held
+        shown = [speed_at(self.world, time, wall) for wall in walls] if self.shows_flow else held
         known = np.concatenate([each[np.isfinite(each)] for each in shown])
         if len(known):
             self._widen(0.0 if self.shows_flow else float(known.min()), float(known.max()))
@@ -74,7 +74,7 @@ class Volume(Water):
         sides = [step * np.arange(*each) for each in zip(low, high + 1, strict=True)]
         places = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 3)
         flow = velocity_at(self.world, time, places)
-        streak = flow[:, None] * (0.7 * step / max(float(_size(flow).max()), 1e-12))
+        streak = flow[:, None] * (0.7 * step / max(float(np.linalg.norm(flow, axis=-1).max()), 1e-12))
         lines = places[:, None] + streak * np.linspace(-0.5, 0.5, 9)[:, None]
         self.easel.fade(camera.pixels(camera.flat(lines)), INK, np.linspace(0, 0.5, 8), 1.2)
 
@@ -151,7 +151,3 @@ def _homography(seen: np.ndarray, texture: np.ndarray) -> list[float]:
         values += [u, v]
     found: list[float] = np.linalg.solve(np.array(rows), np.array(values)).tolist()
     return found
-
-
-def _size(vectors: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(vectors, axis=-1)

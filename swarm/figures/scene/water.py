@@ -63,8 +63,8 @@ def velocity_at(world: World, time: float, places: np.ndarray) -> np.ndarray:
 
 
 def speed_at(world: World, time: float, places: np.ndarray) -> np.ndarray:
-    """The flow (...) at places (..., 2) of the plane, complex [length / time], 0 where none is known."""
-    return velocity_at(world, time, places) @ [1, 1j]
+    """How fast (...) it flows at places (..., axes) [length / time], 0 where it is not known."""
+    return np.linalg.norm(velocity_at(world, time, places), axis=-1)
 
 
 def levels_of(
@@ -117,7 +117,7 @@ class Water:
         grid = np.stack(np.meshgrid(camera.x + offsets, camera.y - offsets), axis=-1)
         found = concentration_at(self.world, time, grid, medium)
         known, concentration = np.isfinite(found), np.nan_to_num(found).astype(float)
-        shown = np.abs(speed_at(self.world, time, grid)) if self.shows_flow else concentration
+        shown = speed_at(self.world, time, grid) if self.shows_flow else concentration
         values = shown[known] if known.any() else shown
         self._widen(0.0 if self.shows_flow else float(values.min()), float(values.max()))
         part = (shown - self.span[0]) / max(float(np.ptp(self.span)), 1e-12)
@@ -127,7 +127,11 @@ class Water:
             veil = 0.8 / 255 * _enlarged(255 * ~known)[..., None]
             water[..., :3] = (1 - veil) * water[..., :3] + veil * 255 * np.array(to_rgb(PAPER))
         self.easel.show(water, 0, 0)
-        self._draw_levels(found if self.world.medium else concentration)
+        held = concentration if self.world.medium is None else found
+        low, high = float(np.nanmin(held)), float(np.nanmax(held))
+        ticks = np.interp(np.arange(GRID), (0, 1, GRID - 2, GRID - 1), (-1, 5.5, SIZE - 6.5, SIZE))
+        lines = levels_of(held, ticks, low, high, SHALLOW * high if self.world.medium else 0.0)
+        self.easel.lines([line for line, _ in lines], "#ffffff", [each for _, each in lines], 1.0)
 
     def _widen(self, low: float, high: float) -> None:
         """Let colours run over these values too."""
@@ -136,19 +140,13 @@ class Water:
             low = min(low, high - SHALLOW * abs(high))
         self.span = low, high
 
-    def _draw_levels(self, concentration: np.ndarray) -> None:
-        low, high = float(np.nanmin(concentration)), float(np.nanmax(concentration))
-        ticks = np.interp(np.arange(GRID), (0, 1, GRID - 2, GRID - 1), (-1, 5.5, SIZE - 6.5, SIZE))
-        found = levels_of(concentration, ticks, low, high, SHALLOW * high if self.world.medium else 0.0)
-        self.easel.lines([line for line, _ in found], "#ffffff", [each for _, each in found], 1.0)
-
     def _draw_streaks(self, camera: Camera, time: float) -> None:
         """Streaks that brighten in the direction of the flow, the longer the faster it is."""
         step = nice_step(camera.width / 8)  # they stand still while the camera moves
         reach = math.ceil(camera.width / step / 2) + 1
         x, y = (step * np.arange(round(at / step) - reach, round(at / step) + reach + 1) for at in camera[:2])
         grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        flow = speed_at(self.world, time, grid)
+        flow = velocity_at(self.world, time, grid) @ [1, 1j]
         fastest = self.span[1] if self.shows_flow else float(np.abs(flow).max())
         streak = flow[:, None] * (0.7 * step / max(fastest, 1e-12))
         lines = (grid @ [1, 1j])[:, None] + streak * np.linspace(-0.5, 0.5, 9)

@@ -8,7 +8,7 @@ paths are integrated.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -18,6 +18,7 @@ from swarm._support.registry import Registry
 
 INTERACTIONS = Registry("interactions", "chemoswarm.interactions")
 GEOMETRIES = ("film", "bulk")
+SMALLEST = 1e-7  # core that none is taken as [length]
 TAPER = 0.8  # of the cutoff: from there on an interaction fades smoothly to nothing
 
 
@@ -87,6 +88,26 @@ class Contact(Pairwise):
         return push * x, push * y, xp.zeros_like(x)
 
 
+def film(x: Any, y: Any, ahead: Any, aside: Any, strength: Any, core: Any) -> tuple[Any, Any, Any]:
+    """u_x, u_y and spin at (x, y) from a dipole that heads (ahead, aside), in a film, where r² cos 2θ is
+    along² − across². Numbers or arrays; there is no literal, which would be of double precision.
+    """
+    along, across = ahead * x + aside * y, ahead * y - aside * x
+    soft = x * x + y * y + core
+    scale = strength / (soft * soft)
+    radial, spin = scale * (along * along - across * across), scale * along * across
+    return radial * x, radial * y, spin + spin
+
+
+def bulk(x: Any, y: Any, ahead: Any, aside: Any, strength: Any, core: Any) -> tuple[Any, Any, Any]:
+    """As `film`, in bulk fluid: r² (3cos²θ − 1) is 2 along² − across²."""
+    along, across = ahead * x + aside * y, ahead * y - aside * x
+    soft = x * x + y * y + core
+    scale = strength / (soft * soft * soft**0.5)
+    radial, spin = scale * (2 * along * along - across * across), 3 * scale * along * across
+    return radial * x, radial * y, spin
+
+
 @INTERACTIONS.register("dipole")
 @dataclass(frozen=True)
 class Dipole(Pairwise):
@@ -125,24 +146,22 @@ class Dipole(Pairwise):
         bulk = 3 / (16 * math.pi) * (2 / 3) / (5 / 3) ** 2.5 / self.core**3  # at r = √(2/3) ε
         return abs(self.strength) * (film if self.geometry == "film" else bulk)
 
+    @property
+    def law(self) -> tuple[Callable[..., Any], float, float]:
+        """`film` or `bulk`, with the strength over 4πη or 8πη and ε² that it takes."""
+        core = max(self.core, SMALLEST) ** 2  # a cell does not move itself
+        if self.geometry == "film":
+            return film, self.strength / (4 * math.pi), core
+        return bulk, self.strength / (8 * math.pi), core
+
     def between(self, x: Array, y: Array, ahead: Array, aside: Array) -> tuple[Array, Array, Array]:
         """The dipole's flow and half its vorticity."""
-        xp = namespace(x)
-        along, across = ahead * x + aside * y, ahead * y - aside * x
-        squared = x * x + y * y
-        soft = squared + self.core**2
-        if self.core == 0:  # a cell does not move itself
-            soft = xp.where(squared > 0, soft, xp.ones_like(soft))
-        if self.geometry == "film":
-            scale = (self.strength / (4 * math.pi)) / (soft * soft)
-            radial, spin = 2 * along * along - squared, 2 * scale * along * across
-        else:
-            scale = (self.strength / (8 * math.pi)) / (soft * soft * soft**0.5)
-            radial, spin = 3 * along * along - squared, 3 * scale * along * across
-        if self.cutoff is not None:
-            scale, spin = (each * self._fading(squared) for each in (scale, spin))
-        radial = scale * radial
-        return radial * x, radial * y, spin
+        law, strength, core = self.law
+        found: tuple[Array, Array, Array] = law(x, y, ahead, aside, strength, core)
+        if self.cutoff is None:
+            return found
+        fading = self._fading(x * x + y * y)
+        return found[0] * fading, found[1] * fading, found[2] * fading
 
     def _fading(self, squared: Array) -> Array:
         """1 up to `TAPER` of the cutoff, smoothly 0 at it."""

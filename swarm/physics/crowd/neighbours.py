@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from swarm._support.arrays import Array, added_up, is_numpy_or_torch, namespace
-from swarm._support.compiler import compiling
-from swarm.physics.crowd.interactions import Interaction, Pairwise
+from swarm._support.compiler import NUMBA, call_outside, compiling, loops_on, outside
+from swarm.physics.crowd.interactions import Dipole, Interaction, Pairwise
 
 FEW = 64  # cells of a world up to which all pairs are looked at, which is quicker
 MANY = 256  # cells of a world from which on an interaction of finite reach goes through lists of neighbours
@@ -29,6 +29,40 @@ class Pairs(NamedTuple):
         index = xp.broadcast_to(self.receiver, (shape[0], self.receiver.shape[0]))
         u, v, spin = (xp.reshape(added_up(each, index, x.shape[1]), shape) for each in found)
         return u, v, spin
+
+
+class Everyone(NamedTuple):
+    """All pairs of the cells of a world, one after the other on the processor."""
+
+    number: int  # by which `call_outside` knows the sum
+    alive: Array  # (..., cells)
+
+    def drift(
+        self, interaction: Any, x: Array, y: Array, heading: tuple[Array, Array]
+    ) -> tuple[Array, Array, Array]:
+        """As of `Pairs`."""
+        xp, rows = namespace(x), (-1, x.shape[-1])
+        alive, *poses = (xp.reshape(each, rows) for each in (self.alive, x, y, *heading))
+        found = call_outside(self.number, (3, *poses[0].shape), x, alive, *poses)
+        found = xp.reshape(found, (3, *x.shape))
+        return found[0, ...], found[1, ...], found[2, ...]
+
+
+Together = Pairs | Everyone | None  # who interacts: some, all pair by pair, or all as the interaction finds
+
+
+def summed(interaction: Interaction) -> int | None:
+    """The number by which `Everyone` knows an interaction that loops sum up; None if there are none."""
+    if not NUMBA or not isinstance(interaction, Dipole) or interaction.cutoff is not None:
+        return None
+    from swarm.physics.crowd.sums import Sums
+
+    return outside(Sums(interaction))
+
+
+def everyone(number: int | None, position: Array, alive: Array) -> Everyone | None:
+    """All pairs where loops can sum them up: NumPy, or a tensor in the processor's memory."""
+    return None if number is None or not loops_on(position) else Everyone(number, alive)
 
 
 def neighbours(interaction: Interaction, position: Array, far: Array, alive: Array) -> Pairs | None:

@@ -51,18 +51,19 @@ class Collocation:
         duration: float,
         spacing: float | None = None,
         tolerance: float = TOLERANCE,
+        least: int = 1,
     ) -> Collocation:
         """The cheapest scheme that keeps a tolerance over an interval that turns by `turn` [rad] over
         `length`.
 
         Sweeps leave out less and less, nodes cost more with the angle they must follow, and what one of them
-        cannot do is cut into substeps. Of `flow` only the scales and bounds are asked. With a `spacing`
-        [time] the path is given at least that often. Raises ValueError where the flow's scales ask for more
-        than a thousand substeps.
+        cannot do is cut into substeps, at `least` so many. Of `flow` only the scales and bounds are asked.
+        With a `spacing` [time] the path is given at least that often. Raises ValueError where the flow's
+        scales ask for more than a thousand substeps.
         """
-        cheapest, turned = None, _most(flow, "spin") * duration
-        for substeps in SUBSTEPS:
-            if turned / substeps > cls.largest_turn:
+        cheapest, spun = None, _most(flow, "spin") * duration
+        for substeps in (each for each in SUBSTEPS if each >= least):
+            if spun / substeps > cls.largest_turn:
                 continue
             if cheapest is not None and substeps * 3 * MIN_SWEEPS > cheapest[0]:
                 break

@@ -17,16 +17,24 @@ import numpy as np
 from swarm._support.arrays import Array, as_array, join, namespace, outer
 from swarm._support.compiler import call_outside, outside
 from swarm.physics.crowd.interactions import Contact, Interaction, check_interactions
-from swarm.physics.crowd.neighbours import Pairs, neighbours
+from swarm.physics.crowd.neighbours import Together, everyone, neighbours, summed
 from swarm.physics.flows import Flow, StillWater
 from swarm.physics.motion.arc import Motion, Pose, along_arc, arc, components, turned, unit
-from swarm.physics.motion.collocation import Collocation, fastest_change, integral, velocity_and_spin
+from swarm.physics.motion.collocation import (
+    SUBSTEPS,
+    Collocation,
+    fastest_change,
+    integral,
+    velocity_and_spin,
+)
 from swarm.physics.motion.domain import within
-from swarm.physics.motion.pushes import MAX_STEPS, STEP, Pushes
 
 TOLERANCE = 2e-6  # error allowed to the pose after one interval without contact, in float64 [length, rad]
 CONVERGED = 1e-8  # change of the pose at which `swim` halves substeps no more [length, rad]
 MOST_SUBSTEPS = 4096
+SWUM = 1.5  # smallest diameters that a cell swims at most in a substep
+STEP = 0.3  # stiffness times the length of a Runge–Kutta step of contact
+MAX_STEPS = 4000  # Runge–Kutta steps of contact in an interval
 CROWDING = 2.0  # dipoles beside a cell, whose scales add up
 
 
@@ -105,7 +113,9 @@ class Company:
         # a dipole turns twice as fast as its cell, two cells pass at twice their speed, and they may be near
         change = 2.5 * (turn + max(waves, default=0.0) * length) / duration if smooth else 0.0
         strongest = Strongest(flow, smooth, change)
-        scheme = Collocation.for_interval(strongest, turn, length, duration, spacing, TOLERANCE)
+        contacts = [each.diameter for each in interactions if isinstance(each, Contact)]
+        least = min(math.ceil(length / (SWUM * min(contacts))), SUBSTEPS[-1]) if contacts else 1
+        scheme = Collocation.for_interval(strongest, turn, length, duration, spacing, TOLERANCE, least)
         return cls(flow, interactions, scheme)
 
     @cached_property
@@ -121,7 +131,14 @@ class Company:
     @cached_property
     def pushes(self) -> tuple[int, ...]:
         """The numbers by which `call_outside` knows what contact does, roughly and as it should be."""
+        from swarm.physics.motion.pushes import Pushes  # with what compiles loops
+
         return tuple(outside(Pushes(self.contacts, self.scheme, step)) for step in (2 * STEP, STEP))
+
+    @cached_property
+    def sums(self) -> tuple[int | None, ...]:
+        """As `pushes`, what each of the smooth interactions does, where loops sum it up."""
+        return tuple(summed(each) for each in self.smooth)
 
     @property
     def sweeps(self) -> int:
@@ -140,7 +157,11 @@ class Company:
         motions = scheme.motions(curvature, speed, duration)
         table = outer(as_array(scheme.weights, pose.position), step)
         far = 2.5 * speed * duration  # what two cells may come nearer
-        pairs = tuple(neighbours(each, pose.position, far, alive) for each in self.smooth)
+        found = (
+            everyone(number, pose.position, alive) or neighbours(each, pose.position, far, alive)
+            for each, number in zip(self.smooth, self.sums, strict=True)
+        )
+        pairs = tuple(found)
         flow, path = within(self.flow, pose.position), []
         for number in range(substeps):
             times = None
@@ -152,7 +173,7 @@ class Company:
             path.append(places)
         return pose, namespace(pose.position).concat(path, axis=0) if scheme.outputs else None
 
-    def _substep(self, now: Substep, pairs: tuple[Pairs | None, ...]) -> tuple[Pose, Array]:
+    def _substep(self, now: Substep, pairs: tuple[Together, ...]) -> tuple[Pose, Array]:
         n, xp = self.scheme.nodes, namespace(now.speed)
         heading_x, heading_y = components(now.pose.heading)
         moved_x, moved_y = turned((heading_x, heading_y), *now.motions)  # (2, targets, ..., cells)
@@ -178,38 +199,40 @@ class Company:
             else:
                 u = v = along[0] * 0
             if self.contacts and sweep >= self.sweeps - 2:  # once to feel them where they are, once to end
-                given = (now.alive, now.pose.position, heading_x, heading_y)
-                push = self._push(
-                    self.pushes[sweep == self.sweeps - 1], *given, now.curvature, now.speed, now.step, u, v
-                )
+                cell = position_x, position_y, heading_x, heading_y, now.curvature, now.speed, now.step
+                push = self._push(self.pushes[sweep == self.sweeps - 1], now.alive, *cell, u, v, x, y)
                 x, y = x + push[0, ...], y + push[1, ...]
         end = turned((tangent[0][-1, ...], tangent[1][-1, ...]), cosine[-1, ...], sine[-1, ...])
         return Pose(join(x[-1, ...], y[-1, ...]), unit(*end)), join(x[n:-1, ...], y[n:-1, ...])
 
     def _rates(
-        self, x: Array, y: Array, head: tuple[Array, Array], now: Substep, pairs: tuple[Pairs | None, ...]
+        self,
+        x: Array,
+        y: Array,
+        head: tuple[Array, Array],
+        now: Substep,
+        pairs: tuple[Together, ...],
     ) -> tuple[Array, Array, Array]:
         """Velocity and spin (nodes, ..., cells) from the flow and from the others."""
         u, v, spin = velocity_and_spin(now.flow, x, y, now.times)
-        if self.smooth:
-            position, heading = join(x, y), join(*head)
         for each, found in zip(self.smooth, pairs, strict=True):
             if found is None:
-                velocity, turning = each.drift(position, heading, now.alive)
+                velocity, turning = each.drift(join(x, y), join(*head), now.alive)
                 du, dv = components(velocity)
             else:
                 du, dv, turning = found.drift(each, x, y, head)
             u, v, spin = u + du, v + dv, spin + turning
         return u, v, spin
 
-    def _push(self, number: int, alive: Array, position: Array, *smooth: Array) -> Array:
+    def _push(self, number: int, alive: Array, *given: Array) -> Array:
         """What `Pushes` finds (2, targets, ..., cells), for any leading axes."""
-        xp, shape = namespace(position), alive.shape
-        worlds = (-1, shape[-1])
-        flat = [xp.reshape(each, (*each.shape[: each.ndim - len(shape)], *worlds)) for each in smooth]
-        given = xp.reshape(alive, worlds), xp.reshape(position, (*worlds, 2)), *flat
+        xp, shape = namespace(given[0]), alive.shape
+        flat = [
+            xp.reshape(each, (*each.shape[: each.ndim - len(shape)], -1, shape[-1]))
+            for each in (alive, *given)
+        ]
         targets = len(self.scheme.targets)
-        found = call_outside(number, (2, targets, *given[0].shape), position, *given)
+        found = call_outside(number, (2, targets, *flat[0].shape), given[0], *flat)
         return xp.reshape(found, (2, targets, *shape))
 
 

@@ -1,61 +1,26 @@
 """Pushes: how far contact displaces cells from the paths that they would swim without it.
 
 The displacement δ obeys δ' = Σ μK (d − r) r̂ along given smooth paths. Contact is stiff, but few pairs touch
-at a time: a substep is cut into windows, the pairs that could touch within one are found from the paths, and
-these alone go through Runge–Kutta steps of fourth order (second through the kink at r = d).
+at a time: those that could touch within a substep are found from the paths, and these alone go through
+Runge–Kutta steps of fourth order (second through the kink at r = d). What happens in a world depends on its
+own cells alone. The loops are compiled where numba is installed.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Self
 
 import numpy as np
 
-from swarm._support.arrays import Array, added_up, as_array, namespace, replaced
+from swarm._support.compiler import loops
 from swarm.physics.crowd.interactions import Contact
-from swarm.physics.crowd.neighbours import near_pairs
-from swarm.physics.motion.arc import arc, turned
 from swarm.physics.motion.collocation import Collocation
 
-WINDOW = 0.5  # a cell swims at most this part of the diameter within a window
-STEP = 0.65  # μK times the length of a Runge–Kutta step, of a pair; in a cluster less
-MAX_STEPS = 4000  # of an interval
-FEW = 4096  # cells × pairs up to which sums over pairs are products with a matrix
-SLACK = 0.25  # of what a cell swims in a window: arcs of a radian bend off by less
+SLACK = 0.5  # of what a cell swims between places of its path: so much nearer do two come than straight lines
 TINY = 1e-30  # [length²], so that concentric cells do not push
-
-
-class Track(NamedTuple):
-    """The smooth paths of cells within a substep: arcs, and rates of deviation at the nodes."""
-
-    x: Array  # (cells,) at the start
-    y: Array
-    ahead: Array  # (cells,) heading at the start
-    aside: Array
-    curvature: Array  # (cells,) [1 / length]
-    speed: Array  # (cells,) [length / time]
-    step: Array  # (cells,) length of the substep [time]
-    rate_x: Array  # (nodes, cells) [length / time]
-    rate_y: Array
-
-    def of(self, rows: Array) -> Self:
-        """The paths of some of the cells."""
-        return type(self)(*(each[..., rows] for each in self))
-
-    def at(self, scheme: Collocation, parts: np.ndarray) -> tuple[Array, Array]:
-        """Places x and y (parts, cells) after these parts of the substep."""
-        like = self.x
-        duration = as_array(parts, like)[:, None] * self.step
-        motion = arc(self.curvature + 0 * duration, self.speed, duration)
-        x, y = turned((self.ahead, self.aside), motion.ahead[0, ...], motion.aside[0, ...])
-        weights = as_array(scheme.integrals(parts), like)
-        return self.x + x + self.step * (weights @ self.rate_x), self.y + y + self.step * (
-            weights @ self.rate_y
-        )
 
 
 @dataclass(frozen=True)
@@ -64,165 +29,235 @@ class Pushes:
 
     contacts: tuple[Contact, ...]
     scheme: Collocation
-    step: float = STEP  # see there
+    step: float  # stiffness times the length of a Runge–Kutta step
 
     @cached_property
-    def diameter(self) -> float:
-        """The largest [length]."""
-        return max(each.diameter for each in self.contacts)
+    def laws(self) -> np.ndarray:
+        """Diameter and stiffness (contacts, 2)."""
+        return np.array([(each.diameter, each.stiffness) for each in self.contacts])
 
     @cached_property
-    def stiffness(self) -> float:
-        """The sum [1 / time]."""
-        return sum(each.stiffness for each in self.contacts)
+    def order(self) -> np.ndarray:
+        """The scheme's targets, the nodes and outputs and the end, as time passes."""
+        return np.argsort(self.scheme.targets)
 
-    def __call__(self, alive: Array, position: Array, *smooth: Array) -> Array:
-        """δ_x and δ_y (2, targets, worlds, cells) at the scheme's targets.
+    def __call__(self, alive: np.ndarray, *given: np.ndarray) -> np.ndarray:
+        """δ_x and δ_y (2, targets, worlds, cells) [length] at the scheme's targets.
 
-        `alive` (worlds, cells) bool, `position` (worlds, cells, 2); the others are as in a `Track`, from the
-        heading on, whose two numbers are apart. NumPy and torch only.
+        `alive` (worlds, cells) bool; then of each cell (worlds, cells) the components of place and heading,
+        curvature, speed and the length of the substep; the components of the rate of deviation at the nodes
+        (nodes, worlds, cells); and those of the smooth path at the targets (targets, worlds, cells).
         """
-        xp = namespace(position)
-        parts = (position[..., 0], position[..., 1], *smooth)
-        track = Track(*(xp.reshape(each, (*each.shape[: each.ndim - 2], -1)) for each in parts))
-        targets, count = self.scheme.targets, track.x.shape[0]
-        still = xp.zeros((2, len(targets), count), dtype=position.dtype, device=position.device)
-        if count:
-            drift = float(xp.max(xp.abs(track.rate_x) + xp.abs(track.rate_y)))
-            far = float(xp.max((xp.abs(track.speed) + drift) * xp.abs(track.step)))
-            pairs = near_pairs(position, self.diameter + 2 * far, alive)
-            if pairs[0].shape[0]:
-                still = self._along(track, pairs, far, still)
-        return xp.reshape(still, (2, len(targets), *alive.shape))
-
-    def _along(self, track: Track, pairs: tuple[Array, Array], far: float, still: Array) -> Array:
-        """δ of all cells: `still`, but for `pairs` that touch; `far` is what a cell swims at most."""
-        xp = namespace(track.x)
-        rows, (first, second) = _renumbered(pairs)
-        track = track.of(rows)
-        windows = max(1, math.ceil(far / (WINDOW * self.diameter)))
-        x, y = track.at(self.scheme, np.arange(windows + 1) / windows)
-        push = xp.zeros((2, rows.shape[0]), dtype=track.x.dtype, device=track.x.device)
-        found = [push] * len(self.scheme.targets)
-        path = xp.stack([x, y], axis=1)
-        apart = path[..., first] - path[..., second]
-        clear = xp.min(_nearest(apart[:-1, ...], apart[1:, ...]), axis=-1).tolist()  # without pushes
-        pushed = 0.0  # the most of any cell
-        for window in range(windows):
-            moments = self.scheme.targets * windows - window  # of the targets, in this window from 0 to 1
-            inside = [k for k in np.argsort(moments).tolist() if 0 < moments[k] <= 1]
-            deltas = [push] * len(inside)
-            if clear[window] < self.diameter + SLACK * far / windows + 2 * pushed:
-                near = self._near(
-                    path[window, ...] + push, path[window + 1, ...] + push, (first, second), far / windows
-                )
-                if near.shape[0]:
-                    chosen = first[near], second[near]
-                    *deltas, push = self._through(
-                        track, chosen, push, (window, windows), moments[inside].tolist()
-                    )
-                    pushed = float(xp.max(xp.abs(push))) * 2**0.5
-            for k, delta in zip(inside, deltas, strict=True):
-                found[k] = delta
-        return replaced(still, rows, xp.stack(found, axis=1))
-
-    def _near(self, now: Array, later: Array, pairs: tuple[Array, Array], far: float) -> Array:
-        """Which of the pairs may touch while their cells go from `now` to `later` (2, cells), nearly
-        straight.
-        """
-        xp = namespace(now)
-        first, second = pairs
-        apart = now[:, first] - now[:, second]
-        nearest = _nearest(apart, later[:, first] - later[:, second])
-        slack = SLACK * far
-        near = nearest < self.diameter + slack
-        if not bool(xp.any(near)):
-            return xp.nonzero(near)[0]
-        overlap = float(xp.max(self.diameter - xp.sum(apart * apart, axis=0) ** 0.5))
-        pushed = far + max(overlap, 0.0)  # how far a cell may be pushed meanwhile
-        for _ in range(2):  # those that touch may be pushed into others
-            touching = xp.astype(near, now.dtype)
-            touched = added_up(xp.concat([touching, touching]), xp.concat(pairs), now.shape[1]) > 0
-            reach = xp.astype(touched[first], now.dtype) + xp.astype(touched[second], now.dtype)
-            near = nearest < self.diameter + slack + pushed * reach
-        return xp.nonzero(near)[0]
-
-    def _through(
-        self,
-        track: Track,
-        pairs: tuple[Array, Array],
-        push: Array,
-        window: tuple[int, int],
-        moments: list[float],
-    ) -> list[Array]:
-        """δ (2, cells) at rising moments of a window, its number and how many there are, and at its end."""
-        number, windows = window
-        xp = namespace(push)
-        rows, (first, second) = _renumbered(pairs)
-        ends = xp.concat([first, second])
-        degree = added_up(xp.ones_like(ends, dtype=push.dtype), ends, rows.shape[0])
-        crowding = max(1.0, 0.5 * float(xp.max(degree)))
-        some = track.of(rows)
-        longest = float(xp.max(xp.abs(some.step)))
-        steps = max(1, math.ceil(self.stiffness * longest / windows * crowding / self.step))
-        parts = (number + np.arange(2 * steps + 1) / (2 * steps)) / windows
-        path = xp.stack(some.at(self.scheme, parts), axis=1)  # (halves, 2, cells)
-        span = some.step / (steps * windows)
-        force = self._force(first, second, rows.shape[0], span)
-        at: Array = push[:, rows]
-        found: list[Array] = []
-        wanted = [moment * steps for moment in moments]
-        for done in range(steps):
-            start, middle, end = (path[2 * done + i, ...] for i in range(3))
-            k1 = force(start + at)
-            k2 = force(middle + (at + 0.5 * k1))
-            k3 = force(middle + (at + 0.5 * k2))
-            k4 = force(end + (at + k3))
-            moved = (k1 + 2 * (k2 + k3) + k4) / 6
-            while len(found) < len(wanted) and wanted[len(found)] <= done + 1:
-                found.append(at + (wanted[len(found)] - done) * moved)
-            at = at + moved
-        found += [at] * (len(wanted) - len(found) + 1)  # rounding may leave out the last
-        return [replaced(push, rows, each) for each in found]
-
-    def _force(self, first: Array, second: Array, cells: int, span: Array) -> Callable[[Array], Array]:
-        """How far pairs at places (2, cells) are parted (2, cells) in a time `span` (cells,)."""
-        xp = namespace(span)
-        if few := cells * first.shape[0] <= FEW:
-            number = xp.arange(cells, device=first.device)[:, None]
-            sides = xp.astype(number == first, span.dtype) - xp.astype(number == second, span.dtype)
-            back = xp.permute_dims(sides, (1, 0)) * span
-        rows = xp.concat([first, second])
-        nothing = xp.zeros_like(first, dtype=span.dtype)
-
-        def force(place: Array) -> Array:
-            apart = place @ sides if few else place[:, first] - place[:, second]
-            squared = apart * apart
-            distance = xp.sqrt(squared[0, :] + squared[1, :] + TINY)
-            rate = nothing
-            for each in self.contacts:
-                rate = rate + each.stiffness * xp.maximum(each.diameter / distance - 1, nothing)
-            pull = apart * rate
-            if few:
-                return pull @ back
-            return span * xp.stack(
-                [added_up(xp.concat([pull[i, :], -pull[i, :]]), rows, cells) for i in range(2)]
-            )
-
-        return force
+        given = tuple(map(np.ascontiguousarray, given))
+        longest = float(np.max(np.abs(given[6]), initial=0.0))
+        steps = max(1, math.ceil(float(np.sum(self.laws[:, 1])) * longest / self.step))
+        plan = halves(self.scheme, steps), self.laws, self.scheme.targets * steps, self.order
+        return in_worlds(alive, given[:7], given[7:9], given[9:], *plan)
 
 
-def _renumbered(pairs: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-    """The rows (cells,) that occur in pairs, and the pairs as places among these."""
-    xp, count = namespace(pairs[0]), pairs[0].shape[0]
-    rows, place = xp.unique_inverse(xp.concat(pairs))
-    return rows, (place[:count], place[count:])
+@functools.cache
+def halves(scheme: Collocation, steps: int) -> np.ndarray:
+    """Integrals (2 · steps + 1, nodes) of the nodes' polynomials from the start to every half step."""
+    return scheme.integrals(np.arange(2 * steps + 1) / (2 * steps))
 
 
-def _nearest(before: Array, after: Array) -> Array:
-    """How near (..., pairs) two cells come whose separation (..., 2, pairs) changes evenly [length]."""
-    xp = namespace(before)
-    moved = after - before
-    length = xp.sum(moved * moved, axis=-2)
-    part = xp.clip(-xp.sum(before * moved, axis=-2) / (length + TINY), 0.0, 1.0)
-    return xp.sum((before + part[..., None, :] * moved) ** 2, axis=-2) ** 0.5
+@loops
+def in_worlds(alive, cells, rates, paths, weights, laws, targets, order):
+    """δ (2, targets, worlds, cells)."""
+    found = np.zeros((2, len(targets), *alive.shape), cells[0].dtype)
+    diameter = np.max(laws[:, 0])
+    for world in range(len(alive)):
+        x, y, speed, step = cells[0][world], cells[1][world], cells[5][world], cells[6][world]
+        far = farthest(alive[world], speed, step, rates[0][:, world], rates[1][:, world])
+        pairs = near_pairs(alive[world], x, y, 3 * diameter + 4 * far)
+        if len(pairs) > 0:
+            gaps = nearest(pairs, x, y, paths[0][:, world], paths[1][:, world], order)
+            gaps -= SLACK * far / len(rates[0])
+            push(pairs, gaps, cells, rates, weights, laws, targets, world, far, found)
+    return found
+
+
+@loops
+def farthest(alive, speed, step, u, v):
+    """How far a living cell comes at most in a substep."""
+    most = 0.0
+    for cell in range(len(alive)):
+        if alive[cell]:
+            off = 0.0
+            for node in range(len(u)):
+                off = max(off, abs(u[node, cell]) + abs(v[node, cell]))
+            most = max(most, (abs(speed[cell]) + off) * abs(step[cell]))
+    return most
+
+
+@loops
+def near_pairs(alive, x, y, reach):
+    """Pairs (pairs, 2) of living cells within reach: each is compared with all until none is near in x."""
+    order = np.argsort(x)
+    pairs = np.empty((2 * len(order) + 8, 2), np.int64)
+    count = 0
+    for at in range(len(order)):
+        first = order[at]
+        if not alive[first]:
+            continue
+        for after in range(at + 1, len(order)):
+            second = order[after]
+            over, up = x[second] - x[first], y[second] - y[first]
+            if over > reach:
+                break
+            if alive[second] and over * over + up * up <= reach * reach:
+                if count == len(pairs):
+                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
+                pairs[count, 0], pairs[count, 1] = first, second
+                count += 1
+    return pairs[:count]
+
+
+@loops
+def nearest(pairs, x, y, path_x, path_y, order):
+    """How near (pairs,) pairs come on paths (places, cells), straight from place to place in `order`."""
+    found = np.empty(len(pairs))
+    for number in range(len(pairs)):
+        first, second = pairs[number, 0], pairs[number, 1]
+        apart_x, apart_y = x[first] - x[second], y[first] - y[second]
+        least = np.inf
+        for place in order:
+            to_x = path_x[place, first] - path_x[place, second]
+            to_y = path_y[place, first] - path_y[place, second]
+            over, up = to_x - apart_x, to_y - apart_y
+            part = -(apart_x * over + apart_y * up) / (over * over + up * up + TINY)
+            part = min(max(part, 0.0), 1.0)
+            least = min(least, (apart_x + part * over) ** 2 + (apart_y + part * up) ** 2)
+            apart_x, apart_y = to_x, to_y
+        found[number] = math.sqrt(least)
+    return found
+
+
+@loops
+def push(pairs, gaps, cells, rates, weights, laws, targets, world, far, found):
+    """Fills `found` of a world with δ from the pairs (pairs, 2) that touch.
+
+    `gaps` (pairs,) is how near these come if nobody is pushed: those that others push nearer take part in a
+    further attempt.
+    """
+    diameter = np.max(laws[:, 0])
+    taken = gaps < diameter
+    more = np.any(taken)
+    while more:
+        rows = np.unique(pairs[taken])
+        some = np.searchsorted(rows, pairs[taken])
+        track, off = tracks(rows, cells, rates, len(weights) // 2, world)
+        deltas = np.zeros((2, len(targets), len(rows)))
+        pushed = np.zeros(found.shape[-1])
+        clear = diameter + 4 * far / len(weights)  # who is so far apart does not touch in a step
+        pushed[rows] = through(some, track, off, weights, laws, targets, clear, deltas)
+        found[:, :, world][:, :, rows] = deltas
+        more = False
+        for number in range(len(pairs)):
+            nearer = pushed[pairs[number, 0]] + pushed[pairs[number, 1]]
+            if not taken[number] and gaps[number] - nearer < diameter:
+                taken[number] = more = True
+
+
+@loops
+def tracks(rows, cells, rates, steps, world):
+    """Of some cells place, heading, chord and turn of half a step, length of a step (9, cells), and rates of
+    deviation (2, nodes, cells) [length].
+    """
+    track, off = np.empty((9, len(rows))), np.empty((2, len(rates[0]), len(rows)))
+    for number in range(len(rows)):
+        cell = rows[number]
+        for part in range(4):
+            track[part, number] = cells[part][world, cell]
+        curvature, speed, step = cells[4][world, cell], cells[5][world, cell], cells[6][world, cell]
+        length = speed * step / (2 * steps)
+        half = 0.5 * curvature * length
+        chord = length * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
+        track[4, number], track[5, number] = chord * math.cos(half), chord * math.sin(half)
+        track[6, number], track[7, number] = math.cos(2 * half), math.sin(2 * half)
+        track[8, number] = step / steps
+        for axis in range(2):
+            off[axis, :, number] = rates[axis][:, world, cell] * step
+    return track, off
+
+
+@loops
+def through(pairs, track, off, weights, laws, targets, clear, found):
+    """Fills `found` (2, targets, cells) with δ, and returns how far cells (cells,) were pushed at most."""
+    count = track.shape[1]
+    most, delta, moved = np.zeros(count), np.zeros((2, count)), np.zeros((2, count))
+    k, places = np.zeros((4, 2, count)), np.zeros((3, 2, count))
+    places[0] = track[:2]
+    for done in range(len(weights) // 2):
+        advance(track, off, weights, 2 * done + 1, places, 1)
+        advance(track, off, weights, 2 * done + 2, places, 2)
+        moved[:] = 0.0
+        if any_within(clear, pairs, places, delta):
+            for stage in range(4):  # at the start, twice in the middle, at the end, each from the one before
+                force(pairs, places, delta, stage, track, laws, k)
+            for axis in range(2):
+                for cell in range(count):
+                    twice = k[1, axis, cell] + k[2, axis, cell]
+                    moved[axis, cell] = (k[0, axis, cell] + 2 * twice + k[3, axis, cell]) / 6
+        for number in range(len(targets)):
+            if done < targets[number] <= done + 1.001:
+                found[:, number] = delta + (targets[number] - done) * moved
+        for cell in range(count):
+            delta[0, cell] += moved[0, cell]
+            delta[1, cell] += moved[1, cell]
+            most[cell] = max(most[cell], delta[0, cell] ** 2 + delta[1, cell] ** 2)
+            places[0, 0, cell], places[0, 1, cell] = places[2, 0, cell], places[2, 1, cell]
+    return np.sqrt(most)
+
+
+@loops
+def advance(track, off, weights, half, places, number):
+    """Moves tracks by half a step along their arcs; places[number] (2, cells) are off them."""
+    for cell in range(track.shape[1]):
+        ahead, aside = track[2, cell], track[3, cell]
+        chord, across = track[4, cell], track[5, cell]
+        cosine, sine = track[6, cell], track[7, cell]
+        track[0, cell] += ahead * chord - aside * across
+        track[1, cell] += aside * chord + ahead * across
+        track[2, cell] = ahead * cosine - aside * sine
+        track[3, cell] = aside * cosine + ahead * sine
+        x, y = track[0, cell], track[1, cell]
+        for node in range(weights.shape[1]):
+            x += weights[half, node] * off[0, node, cell]
+            y += weights[half, node] * off[1, node, cell]
+        places[number, 0, cell], places[number, 1, cell] = x, y
+
+
+@loops
+def any_within(distance, pairs, places, delta):
+    """Whether a pair is so near before a step."""
+    for pair in range(len(pairs)):
+        one, two = pairs[pair, 0], pairs[pair, 1]
+        x = places[0, 0, one] - places[0, 0, two] + (delta[0, one] - delta[0, two])
+        y = places[0, 1, one] - places[0, 1, two] + (delta[1, one] - delta[1, two])
+        if x * x + y * y < distance * distance:
+            return True
+    return False
+
+
+@loops
+def force(pairs, places, delta, stage, track, laws, k):
+    """Fills k[stage] (2, cells) with what contact moves in a step."""
+    number, part = (stage + 1) // 2, (0.0, 0.5, 0.5, 1.0)[stage]
+    for cell in range(track.shape[1]):
+        k[stage, 0, cell] = k[stage, 1, cell] = 0.0
+    for pair in range(len(pairs)):
+        one, two = pairs[pair, 0], pairs[pair, 1]
+        x = places[number, 0, one] - places[number, 0, two] + (delta[0, one] - delta[0, two])
+        y = places[number, 1, one] - places[number, 1, two] + (delta[1, one] - delta[1, two])
+        if stage > 0:
+            x += part * (k[stage - 1, 0, one] - k[stage - 1, 0, two])
+            y += part * (k[stage - 1, 1, one] - k[stage - 1, 1, two])
+        distance = math.sqrt(x * x + y * y + TINY)
+        rate = 0.0
+        for law in range(len(laws)):
+            rate += laws[law, 1] * max(laws[law, 0] / distance - 1.0, 0.0)
+        k[stage, 0, one] += track[8, one] * rate * x
+        k[stage, 1, one] += track[8, one] * rate * y
+        k[stage, 0, two] -= track[8, two] * rate * x
+        k[stage, 1, two] -= track[8, two] * rate * y

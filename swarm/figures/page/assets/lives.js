@@ -40,6 +40,12 @@ class Lives {
   }
   speed(bend) { return this.between(this.data.speeds, bend); }
 
+  // What a cell turned around.
+  axisAt(cell, step) {
+    const at = cell * this.count + step, bend = this.curvatures[at], angle = this.headings[at];
+    return [this.xs[at] - Math.sin(angle) / bend, this.ys[at] + Math.cos(angle) / bend];
+  }
+
   over(cell, t) { return t >= this.times[cell * this.stride + this.last[cell]]; }
   won(cell, t) { const { won, arrival } = this.policy; return Boolean(won && won[cell] && arrival[cell] <= t + 1e-6); }
 

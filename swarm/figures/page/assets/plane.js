@@ -45,9 +45,28 @@ const Plane = {
   over(pen, pane, moment) {
     if ($("gradient").checked) (pane.gradient ??= new Arrows((x, y, at) => slope(pane, x, y, at))).draw(pen, pane, moment, 0.5, theme.css.gradient + "a0");
     if (data.background.flow && $("flow").checked) (Plane.current ??= new Arrows(streaming)).draw(pen, pane, moment, 0, theme.css.flow + "b0");
+    drawDisks(pen, pane);
     drawAxes(pen, pane, data.unit, theme);
   },
 };
+
+// The disks by which cells push each other apart, where they are larger than heads.
+function drawDisks(pen, pane) {
+  const { lives, camera, x, y, width, height } = pane, radius = 0.5 * data.contact * camera.scale;
+  if (radius <= 0.5 * headsAcross(camera.scale, lives.n)) return;
+  pen.beginPath();
+  for (let cell = 0; cell < lives.n; cell++) {
+    if (lives.over(cell, now) && now < lives.end) continue;
+    const [px, py] = onScreen(pane, cell);
+    if (px < x - radius || px > x + width + radius || py < y - radius || py > y + height + radius) continue;
+    pen.moveTo(px + radius, py);
+    pen.arc(px, py, radius, 0, 2 * Math.PI);
+  }
+  pen.fillStyle = pen.strokeStyle = theme.css.ink; pen.lineWidth = 1;
+  pen.globalAlpha = 0.1; pen.fill();
+  pen.globalAlpha = 0.55; pen.stroke();
+  pen.globalAlpha = 1;
+}
 
 // --- fields of arrows ------------------------------------------------------------------------------------------
 

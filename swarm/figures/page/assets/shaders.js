@@ -24,16 +24,33 @@ void main() {
   colour = texture(old, from) * inside.x * inside.y;
 }`;
 
-// Water with lines of equal value, and the egg.
-const WATER = `
+// The colour of water: its value and how much of that is known, with lines of equal value.
+const TINTED = `
 precision highp float;
 precision highp sampler2DArray;
 uniform sampler2DArray film;
-uniform vec4 view, box, egg; // box: low, high; egg: x, y, radius, 0 none, 1 open, 2 closed
 uniform vec3 frame; // two frames and the part of the second
-uniform vec2 size, levels; // levels: value / step = v · levels.x + levels.y
-uniform vec3 ramp[5], paper, line, shell;
+uniform vec2 levels; // value / step = v · levels.x + levels.y
+uniform vec3 ramp[5], paper, line;
 uniform float contrast; // of lines
+vec3 tinted(vec2 found, float seen) {
+  float v = clamp(found.r / max(found.g, 1e-3), 0.0, 1.0), f = 4.0 * v;
+  vec3 c = mix(ramp[0], ramp[1], min(f, 1.0));
+  for (int i = 1; i < 4; i++) c = mix(c, ramp[i + 1], clamp(f - float(i), 0.0, 1.0));
+  float level = v * levels.x + levels.y, wide = max(fwidth(level), 1e-5);
+  float close = 1.0 - smoothstep(0.0, 1.1, abs(fract(level + 0.5) - 0.5) / wide);
+  float strong = mod(floor(level + 0.5), 5.0) < 0.5 ? 1.0 : 0.45;
+  c = mix(c, line, contrast * close * strong * smoothstep(0.5, 0.1, wide) * step(1e-4, wide));
+  float edge = 1.0 - smoothstep(0.6, 1.4, abs(found.g - 0.5) / max(fwidth(found.g), 1e-5)); // of what is known
+  c = mix(mix(paper, line, 0.12), c, smoothstep(0.4, 0.6, found.g));
+  return mix(paper, mix(c, line, 0.5 * edge), seen);
+}`;
+
+// Water in the plane, and the egg.
+const WATER = `${TINTED}
+uniform vec4 view, box, egg; // box: low, high; egg: x, y, radius, 0 none, 1 open, 2 closed
+uniform vec2 size;
+uniform vec3 shell;
 uniform float pixel; // [length]
 in vec2 uv;
 out vec4 colour;
@@ -42,18 +59,8 @@ void main() {
   vec2 at = (clamp(q, 0.0, 1.0) * (size - 1.0) + 0.5) / size;
   vec2 found = texture(film, vec3(at, frame.x)).rg;
   if (frame.z > 0.0) found = mix(found, texture(film, vec3(at, frame.y)).rg, frame.z);
-  float v = clamp(found.r / max(found.g, 1e-3), 0.0, 1.0), f = 4.0 * v;
-  vec2 out_of = max(-q, q - 1.0) * (box.zw - box.xy);
-  float known = smoothstep(0.4, 0.6, found.g) * smoothstep(0.6, 0.0, max(out_of.x, out_of.y));
-  vec3 c = mix(ramp[0], ramp[1], min(f, 1.0));
-  c = mix(c, ramp[2], clamp(f - 1.0, 0.0, 1.0));
-  c = mix(c, ramp[3], clamp(f - 2.0, 0.0, 1.0));
-  c = mix(c, ramp[4], clamp(f - 3.0, 0.0, 1.0));
-  float level = v * levels.x + levels.y, wide = max(fwidth(level), 1e-5);
-  float near = 1.0 - smoothstep(0.0, 1.1, abs(fract(level + 0.5) - 0.5) / wide);
-  float strong = mod(floor(level + 0.5), 5.0) < 0.5 ? 1.0 : 0.45;
-  c = mix(c, line, contrast * near * strong * smoothstep(0.5, 0.1, wide) * step(1e-4, wide));
-  c = mix(paper, c, known);
+  vec2 inside = min(q, 1.0 - q) * (box.zw - box.xy); // water fades before its grid ends: beyond, nobody knows it
+  vec3 c = tinted(found, smoothstep(0.0, 0.6, min(inside.x, inside.y)));
   if (egg.w > 0.0) {
     float d = distance(place, egg.xy), r = max(egg.z, 5.0 * pixel);
     c = mix(c, shell, 0.45 * exp(-2.5 * max(d - r, 0.0) / r));

@@ -8,6 +8,8 @@ const MANY = 2000; // cells, whose trails and heads are drawn more simply
 const TAILS = 400, TAIL = 0.42, TAIL_PARTS = 10; // at most so many cells show flagella; their length [time]
 const WITH_WAYS = 1000, SMOOTH = 3; // at most so many cells show the ways of their centres; decisions to each side
 
+const headsAcross = (scale, cells) => clamp(0.22 * scale, cells > MANY ? 3 : 7, cells > MANY ? 9 : 13); // [pixels of the page]
+
 function material(vertex, fragment, uniforms, blending) {
   const made = new THREE.RawShaderMaterial({
     glslVersion: THREE.GLSL3, vertexShader: vertex, fragmentShader: fragment, depthTest: false, depthWrite: false,
@@ -62,44 +64,114 @@ class Strands {
   }
 }
 
-class Stage {
-  constructor(canvas, data, films) {
-    Object.assign(this, { canvas, data, films });
-    const gl = this.renderer = new THREE.WebGLRenderer({ canvas, antialias: false, alpha: false, depth: false, stencil: false, powerPreference: "high-performance" });
-    gl.autoClear = false;
-    const context = gl.getContext();
-    this.smooth = Boolean(context.getExtension("EXT_color_buffer_float") || context.getExtension("EXT_color_buffer_half_float"));
+const vector = (n = 3) => n === 3 ? new THREE.Vector3() : n === 2 ? new THREE.Vector2() : new THREE.Vector4();
+const tinting = () => ({ film: null, frame: vector(), levels: vector(2), ramp: Array.from({ length: 5 }, () => vector()), paper: vector(), line: vector(), contrast: 0 });
+function colourWater({ uniforms: water }, layer, film, between, theme) {
+  water.film.value = film.texture;
+  water.frame.value.set(...between);
+  water.size.value.set(...film.size);
+  water.levels.value.set((layer.most - layer.least) / layer.step, layer.least / layer.step);
+  layer.ramps[theme.dark ? 1 : 0].forEach((hex, i) => water.ramp.value[i].set(...rgb(hex)));
+  water.paper.value.set(...theme.paper); water.line.value.set(...theme.ink);
+  water.contrast.value = theme.dark ? 0.28 : 0.22;
+}
+
+// Flagella that beat: for all their parts, how far they are bent aside there, whether they begin, and their light.
+function beating(lives, now, long, part) {
+  for (let cell = 0; cell < lives.n; cell++) for (let i = 0; i <= TAIL_PARTS && !lives.over(cell, now); i++) {
+    const back = i / TAIL_PARTS;
+    lives.place(cell, Math.max(0, now - long * back));
+    part(cell, 0.04 * Math.min(1, 2.2 * back) * Math.sin(2 * Math.PI * (1.3 * back - 2.1 * now + 0.38 * cell)), i === 0, 0.95 - 0.75 * back);
+  }
+}
+
+// What the stages of plane and space share: a canvas in panes, each with heads and the ways of what cells turn around.
+class Panes {
+  constructor(canvas, kind) {
+    this.canvas = canvas;
+    this.renderer = new THREE.WebGLRenderer({ canvas, alpha: false, stencil: false, powerPreference: "high-performance", ...kind });
+    this.renderer.autoClear = false;
     this.eye = new THREE.Camera();
+    this.panes = [];
+  }
+
+  // Make room for other panes, at so many pixels for one of the page.
+  begin(ratio) {
+    for (const pane of this.panes) { pane.points.dispose(); pane.ways?.dispose(); }
+    this.ratio = ratio;
+    this.renderer.setPixelRatio(ratio);
+    this.renderer.setSize(this.canvas.parentElement.clientWidth, this.canvas.parentElement.clientHeight, false);
+  }
+
+  addCells(pane, axes, look) {
+    const { n } = pane.lives;
+    pane.points = new THREE.BufferGeometry();
+    for (const [name, items] of [["place", axes], ["heading", axes], ["tint", 4]])
+      pane.points.setAttribute(name, new THREE.BufferAttribute(new Float32Array(items * n), items).setUsage(THREE.DynamicDrawUsage));
+    pane.points.setDrawRange(0, n);
+    pane.dots = drawn(THREE.Points, pane.points, look);
+  }
+
+  // Means over neighbours, which take out single turns; none where they jump `far`.
+  addWays(pane, axes, far, every = 1) {
+    const { lives } = pane, found = [];
+    for (let cell = 0; cell < lives.n; cell++) {
+      const centres = Array.from({ length: lives.last[cell] + 1 }, (_, step) => lives.axisAt(cell, step));
+      let last = null;
+      for (let step = SMOOTH; step < centres.length - SMOOTH; step += every) {
+        const near = centres.slice(step - SMOOTH, step + SMOOTH + 1), mean = centres[0].map((_, k) => near.reduce((sum, each) => sum + each[k], 0) / near.length);
+        if (last && Math.hypot(...mean.map((at, k) => at - last[k])) < far) found.push([lives.times[cell * lives.stride + step], ...last, ...mean]);
+        last = mean;
+      }
+    }
+    found.sort((a, b) => a[0] - b[0]);
+    pane.swum = found.map(each => each[0]);
+    pane.ways = new THREE.BufferGeometry();
+    pane.ways.setAttribute("place", new THREE.BufferAttribute(new Float32Array(found.flatMap(each => each.slice(1))), axes));
+    pane.lines = drawn(THREE.LineSegments, pane.ways, this.ways);
+  }
+
+  // Draw into a pane alone; how far above the canvas' lower edge it begins.
+  enter(pane) {
+    const low = this.canvas.parentElement.clientHeight - pane.y - pane.height;
+    for (const set of ["setViewport", "setScissor"]) this.renderer[set](pane.x, low, pane.width, pane.height);
+    this.renderer.setScissorTest(true);
+    return low;
+  }
+}
+
+class Stage extends Panes {
+  constructor(canvas, data) {
+    super(canvas, { antialias: false, depth: false });
+    this.data = data;
+    const context = this.renderer.getContext();
+    this.smooth = Boolean(context.getExtension("EXT_color_buffer_float") || context.getExtension("EXT_color_buffer_half_float"));
     const whole = new THREE.BufferGeometry();
     whole.setAttribute("corner", new THREE.BufferAttribute(new Float32Array([-1, -1, 3, -1, -1, 3]), 2));
     whole.setDrawRange(0, 3);
-    const { low, high } = data.background, vector = n => n === 2 ? new THREE.Vector2() : new THREE.Vector4();
+    const { low, high } = data.background;
     this.fading = material(WHOLE, FADING, { left: 1 }, "fade");
-    this.moving = material(WHOLE, MOVING, { old: null, move: new THREE.Vector3() });
+    this.moving = material(WHOLE, MOVING, { old: null, move: vector() });
     this.over = material(WHOLE, OVER, { water: null, trails: null, shift: vector(4), cover: vector(2) });
     this.water = material(WHOLE, WATER, {
-      film: null, view: vector(4), box: new THREE.Vector4(...low, ...high), egg: new THREE.Vector4(0, 0, 0, 0), frame: new THREE.Vector3(), size: vector(2), levels: vector(2),
-      ramp: Array.from({ length: 5 }, () => new THREE.Vector3()), paper: new THREE.Vector3(), line: new THREE.Vector3(), shell: new THREE.Vector3(), contrast: 0, pixel: 1,
+      ...tinting(), view: vector(4), box: new THREE.Vector4(...low, ...high), egg: new THREE.Vector4(0, 0, 0, 0), size: vector(2), shell: vector(), pixel: 1,
     });
     const lines = { view: vector(4), half_size: vector(2), width: vector(2), reach: 4 };
     this.trails = material(LINES, GLOW, lines, "most");
     this.tails = material(LINES, GLOW, { ...lines, view: vector(4), half_size: vector(2), width: vector(2) }, "over");
-    this.heads = material(HEADS, HEAD, { view: vector(4), across: 10, rim: new THREE.Vector3() }, "over");
+    this.heads = material(HEADS, HEAD, { view: vector(4), across: 10, rim: vector() }, "over");
     this.specks = material(HEADS, SPECK, { view: vector(4), across: 4 }, "over");
     this.ways = material(WAYS, WAY, { view: vector(4), tint: vector(4) }, "over");
     this.strands = new Strands();
     this.flagella = new Strands();
     this.scenes = Object.fromEntries(["fading", "moving", "over", "water"].map(name => [name, drawn(THREE.Mesh, whole, this[name])]));
     Object.assign(this.scenes, { trails: drawn(THREE.Mesh, this.strands.geometry, this.trails), tails: drawn(THREE.Mesh, this.flagella.geometry, this.tails) });
-    this.panes = [];
   }
 
   // Show these lives, each in a rectangle of the canvas [pixels of the page].
   show(shown, ratio) {
-    for (const pane of this.panes) { for (const target of [...pane.targets, pane.sea]) target.dispose(); pane.points.dispose(); pane.ways?.dispose(); }
-    this.ratio = ratio;
-    this.renderer.setPixelRatio(ratio);
-    this.renderer.setSize(this.canvas.parentElement.clientWidth, this.canvas.parentElement.clientHeight, false);
+    for (const pane of this.panes) for (const target of [...pane.targets, pane.sea]) target.dispose();
+    this.begin(ratio);
     this.panes = shown.map(({ lives, index, x, y, width, height }) => {
       const size = [Math.max(1, Math.round(width * ratio)), Math.max(1, Math.round(height * ratio))];
       const pane = { lives, index, x, y, width, height, size, camera: null, now: null, anchor: null, seen: "", faded: 1, turn: 0, until: [], drawn: 0, drawnAt: 0, shore: null, room: size.map(each => each + 2 * MARGIN) };
@@ -107,37 +179,11 @@ class Stage {
       const target = type => new THREE.WebGLRenderTarget(...pane.room, { type, depthBuffer: false, generateMipmaps: false });
       pane.targets = [0, 1].map(() => target(pane.smooth ? THREE.HalfFloatType : THREE.UnsignedByteType));
       pane.sea = target(THREE.UnsignedByteType);
-      pane.points = new THREE.BufferGeometry();
-      for (const [name, items] of [["place", 2], ["heading", 2], ["tint", 4]])
-        pane.points.setAttribute(name, new THREE.BufferAttribute(new Float32Array(items * lives.n), items).setUsage(THREE.DynamicDrawUsage));
-      pane.points.setDrawRange(0, lives.n);
-      pane.dots = drawn(THREE.Points, pane.points, lives.n > MANY ? this.specks : this.heads);
+      this.addCells(pane, 2, lives.n > MANY ? this.specks : this.heads);
       pane.before = new Float32Array(2 * lives.n); // where trails end
-      if (lives.n <= WITH_WAYS) this.addWays(pane);
+      if (lives.n <= WITH_WAYS) this.addWays(pane, 2, 0.25 * (this.data.background.high[0] - this.data.background.low[0]));
       return pane;
     });
-  }
-
-  addWays(pane) {
-    const { lives } = pane, far = 0.25 * (this.data.background.high[0] - this.data.background.low[0]), found = [];
-    for (let cell = 0; cell < lives.n; cell++) {
-      const centres = Array.from({ length: lives.last[cell] + 1 }, (_, step) => {
-        const at = cell * lives.count + step, bend = lives.curvatures[at], angle = lives.headings[at];
-        return [lives.xs[at] - Math.sin(angle) / bend, lives.ys[at] + Math.cos(angle) / bend];
-      });
-      let x = NaN, y = NaN;
-      for (let step = SMOOTH; step < centres.length - SMOOTH; step++) { // a mean over neighbours, which takes out single turns
-        const near = centres.slice(step - SMOOTH, step + SMOOTH + 1), cx = near.reduce((sum, each) => sum + each[0], 0) / near.length;
-        const cy = near.reduce((sum, each) => sum + each[1], 0) / near.length, t = lives.times[cell * lives.stride + step];
-        if (Math.hypot(cx - x, cy - y) < far) found.push([t, x, y, cx, cy]);
-        [x, y] = [cx, cy];
-      }
-    }
-    found.sort((a, b) => a[0] - b[0]);
-    pane.swum = found.map(each => each[0]);
-    pane.ways = new THREE.BufferGeometry();
-    pane.ways.setAttribute("place", new THREE.BufferAttribute(new Float32Array(found.flatMap(each => each.slice(1))), 2));
-    pane.lines = drawn(THREE.LineSegments, pane.ways, this.ways);
   }
 
   // The trails of every cell of a group from one time to another, by parts; fainter the longer ago.
@@ -230,13 +276,8 @@ class Stage {
     Object.assign(pane, { seen, shore: pane.camera, drawn: 0 });
     const water = this.water.uniforms;
     this.aim(this.water, pane, pane.camera, pane.room);
-    water.film.value = film.texture;
-    water.frame.value.set(...between);
-    water.size.value.set(...film.size);
-    water.levels.value.set((layer.most - layer.least) / layer.step, layer.least / layer.step);
-    layer.ramps[theme.dark ? 1 : 0].forEach((hex, i) => water.ramp.value[i].set(...rgb(hex)));
-    water.paper.value.set(...theme.paper); water.line.value.set(...theme.ink); water.shell.value.set(...theme.egg);
-    water.contrast.value = theme.dark ? 0.28 : 0.22;
+    colourWater(this.water, layer, film, between, theme);
+    water.shell.value.set(...theme.egg);
     water.pixel.value = 1 / (pane.camera.scale * this.ratio);
     if (data.egg) water.egg.value.set(data.egg.x, data.egg.y, data.egg.radius, closed ? 2 : 1);
     this.renderer.setRenderTarget(pane.sea);
@@ -262,9 +303,7 @@ class Stage {
     const { renderer, ratio } = this, { lives, camera } = pane, { now, theme, headTint, ways } = seen;
     this.flood(pane, seen);
     if (ways && pane.lines) this.walk(pane, seen);
-    const low = this.canvas.parentElement.clientHeight - pane.y - pane.height, left = Math.floor(pane.x * ratio), bottom = Math.floor(low * ratio);
-    for (const set of ["setViewport", "setScissor"]) renderer[set](pane.x, low, pane.width, pane.height);
-    renderer.setScissorTest(true);
+    const bottom = Math.floor(this.enter(pane) * ratio), left = Math.floor(pane.x * ratio);
     const over = this.over.uniforms, [x, y] = this.shift(pane, pane.shore), [u, v] = this.shift(pane, pane.anchor);
     over.water.value = pane.sea.texture;
     over.trails.value = pane.targets[0].texture;
@@ -277,20 +316,13 @@ class Stage {
   }
 
   drawTails(pane, now, theme, headTint) {
-    const { lives } = pane, bent = 0.04;
-    for (let cell = 0; cell < lives.n; cell++) {
-      if (lives.over(cell, now)) continue;
-      const colour = headTint(cell, false);
-      let x = 0, y = 0;
-      for (let i = 0; i <= TAIL_PARTS; i++) {
-        const back = i / TAIL_PARTS;
-        lives.place(cell, Math.max(0, now - TAIL * back));
-        const wave = bent * Math.min(1, 2.2 * back) * Math.sin(2 * Math.PI * (1.3 * back - 2.1 * now + 0.38 * cell));
-        const px = lives.x - lives.sine * wave, py = lives.y + lives.cosine * wave;
-        if (i) this.flagella.add(x, y, px, py, colour, 0.95 - 0.75 * back);
-        [x, y] = [px, py];
-      }
-    }
+    const { lives } = pane;
+    let x = 0, y = 0;
+    beating(lives, now, TAIL, (cell, wave, first, light) => {
+      const px = lives.x - lives.sine * wave, py = lives.y + lives.cosine * wave;
+      if (!first) this.flagella.add(x, y, px, py, headTint(cell, false), light);
+      [x, y] = [px, py];
+    });
     if (!this.flagella.sent()) return;
     this.aim(this.tails, pane);
     this.tails.uniforms.width.value.set(0.7 * this.ratio, 0);
@@ -314,8 +346,8 @@ class Stage {
       tint.array[j] = colour[0]; tint.array[j + 1] = colour[1]; tint.array[j + 2] = colour[2]; tint.array[j + 3] = rest ? 0.55 : 1;
     }
     for (const each of [place, heading, tint]) each.needsUpdate = true;
-    const many = lives.n > MANY, look = many ? this.specks : this.heads;
-    look.uniforms.across.value = this.ratio * clamp(0.22 * pane.camera.scale, many ? 3 : 7, many ? 9 : 13);
+    const look = lives.n > MANY ? this.specks : this.heads;
+    look.uniforms.across.value = this.ratio * headsAcross(pane.camera.scale, lives.n);
     this.heads.uniforms.rim.value.set(...theme.rim);
     this.aim(look, pane);
     this.renderer.render(pane.dots, this.eye);

@@ -21,14 +21,8 @@ const WALL = `${LENS}
 in vec3 place;
 out vec3 at;
 void main() { at = place; gl_Position = seen(place); gl_Position.z = 0.99 * gl_Position.w; }`;
-const BRICK = `
-precision highp float;
-precision highp sampler2DArray;
-uniform sampler2DArray film;
-uniform vec3 low, high, size, frame; // frame: two frames and the part of the second
-uniform vec2 levels; // level: v · levels.x + levels.y
-uniform vec3 ramp[5], paper, line;
-uniform float contrast;
+const BRICK = `${TINTED}
+uniform vec3 low, high, size;
 in vec3 at;
 out vec4 colour;
 vec2 found(vec3 q, float moment) {
@@ -40,14 +34,7 @@ void main() {
   vec3 q = clamp((at - low) / (high - low), 0.0, 1.0);
   vec2 held = found(q, frame.x);
   if (frame.z > 0.0) held = mix(held, found(q, frame.y), frame.z);
-  float v = clamp(held.r / max(held.g, 1e-3), 0.0, 1.0), f = 4.0 * v;
-  vec3 c = mix(ramp[0], ramp[1], min(f, 1.0));
-  for (int i = 1; i < 4; i++) c = mix(c, ramp[i + 1], clamp(f - float(i), 0.0, 1.0));
-  float level = v * levels.x + levels.y, wide = max(fwidth(level), 1e-5);
-  float close = 1.0 - smoothstep(0.0, 1.1, abs(fract(level + 0.5) - 0.5) / wide);
-  float strong = mod(floor(level + 0.5), 5.0) < 0.5 ? 1.0 : 0.45;
-  c = mix(c, line, contrast * close * strong * smoothstep(0.5, 0.1, wide) * step(1e-4, wide));
-  colour = vec4(mix(paper, c, smoothstep(0.4, 0.6, held.g)), 1.0);
+  colour = vec4(tinted(held, 1.0), 1.0);
 }`;
 
 // The egg: a sphere, lit from above the eye.
@@ -171,21 +158,16 @@ class Ring {
   }
 }
 
-class Volume {
+class Volume extends Panes {
   constructor(canvas) {
-    this.canvas = canvas;
-    const gl = this.renderer = new THREE.WebGLRenderer({ canvas, antialias: policies[0].n <= TAILS, alpha: false, depth: true, stencil: false, powerPreference: "high-performance" });
-    gl.autoClear = false;
-    const vector = (n = 3) => n === 3 ? new THREE.Vector3() : n === 2 ? new THREE.Vector2() : new THREE.Vector4();
+    super(canvas, { antialias: policies[0].n <= TAILS, depth: true });
     this.lens = Object.fromEntries(["centre", "right", "up", "near", "lens"].map(name => [name, { value: vector() }]));
     const made = (vertex, fragment, uniforms, blending, depth = {}) => {
       const look = material(vertex, fragment, uniforms, blending);
       Object.assign(look.uniforms, this.lens); // one view for all
       return Object.assign(look, { depthTest: true, ...depth });
     };
-    this.eye = new THREE.Camera();
-    this.wall = made(WALL, BRICK, { film: null, low: vector(), high: vector(), size: vector(), frame: vector(), levels: vector(2), ramp: Array.from({ length: 5 }, () => vector()),
-      paper: vector(), line: vector(), contrast: 0 }, null, { depthTest: false });
+    this.wall = made(WALL, BRICK, { ...tinting(), low: vector(), high: vector(), size: vector() }, null, { depthTest: false });
     this.ball = made(BALL, SHELL, { egg: vector(4), shell: vector() }, null, { depthWrite: true });
     const strands = { half_size: vector(2), width: vector(2), reach: 4, now: 0, fade: 1, ground: vector(2), floor_box: vector(4) };
     this.trails = made(STRANDS, GLOW, strands, "over");
@@ -199,14 +181,11 @@ class Volume {
     this.walls = drawn(THREE.Mesh, this.box, sides(this.wall));
     this.egg = drawn(THREE.Mesh, sphere(48, 24), sides(this.ball));
     for (const each of [this.trails, this.shadows]) sides(each);
-    this.panes = [];
   }
 
   show(shown, ratio) {
-    for (const pane of this.panes) { for (const each of [pane.ring, pane.tails]) each?.geometry.dispose(); pane.points.dispose(); pane.ways?.dispose(); }
-    this.ratio = ratio;
-    this.renderer.setPixelRatio(ratio);
-    this.renderer.setSize(this.canvas.parentElement.clientWidth, this.canvas.parentElement.clientHeight, false);
+    for (const pane of this.panes) for (const each of [pane.ring, pane.tails]) each?.geometry.dispose();
+    this.begin(ratio);
     this.panes = shown.map(({ lives, index, x, y, width, height }) => {
       const pane = { lives, index, x, y, width, height, camera: null, now: null, shown: 0, before: new Float32Array(3 * lives.n) };
       const { fine: part, fade } = lives, reach = WINDOWS * fade;
@@ -217,33 +196,10 @@ class Volume {
         pane.tails = new Ring(TAIL_PARTS * lives.n);
         pane.flagella = drawn(THREE.Mesh, pane.tails.geometry, this.trails);
       }
-      pane.points = new THREE.BufferGeometry();
-      for (const [name, items] of [["place", 3], ["heading", 3], ["tint", 4]])
-        pane.points.setAttribute(name, new THREE.BufferAttribute(new Float32Array(items * lives.n), items).setUsage(THREE.DynamicDrawUsage));
-      pane.points.setDrawRange(0, lives.n);
-      pane.dots = drawn(THREE.Points, pane.points, this.heads);
-      if (lives.n <= WITH_WAYS) this.addWays(pane);
+      this.addCells(pane, 3, this.heads);
+      if (lives.n <= WITH_WAYS) this.addWays(pane, 3, Infinity, Math.ceil(lives.n * lives.count / MOST_WAYS));
       return pane;
     });
-  }
-
-  // The ways of the helices' axes: means over neighbours, which take out single turns.
-  addWays(pane) {
-    const { lives } = pane, found = [], every = Math.ceil(lives.n * lives.count / MOST_WAYS);
-    for (let cell = 0; cell < lives.n; cell++) {
-      const axis = Array.from({ length: lives.last[cell] + 1 }, (_, step) => lives.axisAt(cell, step));
-      let last = null;
-      for (let step = SMOOTH; step < axis.length - SMOOTH; step += every) {
-        const near = axis.slice(step - SMOOTH, step + SMOOTH + 1), mean = [0, 1, 2].map(k => near.reduce((sum, each) => sum + each[k], 0) / near.length);
-        if (last) found.push([lives.times[cell * lives.stride + step], ...last, ...mean]);
-        last = mean;
-      }
-    }
-    found.sort((a, b) => a[0] - b[0]);
-    pane.swum = found.map(each => each[0]);
-    pane.ways = new THREE.BufferGeometry();
-    pane.ways.setAttribute("place", new THREE.BufferAttribute(new Float32Array(found.flatMap(each => each.slice(1))), 3));
-    pane.lines = drawn(THREE.LineSegments, pane.ways, this.ways);
   }
 
   // Bring the trails of a pane to a time; anew where time went back or far ahead, or `anew` is asked for.
@@ -287,13 +243,13 @@ class Volume {
 
   draw(pane, { layer, now, theme, headTint, ways }) {
     const { renderer, ratio } = this, { lives } = pane, box = boxOf(pane);
-    const low = this.canvas.parentElement.clientHeight - pane.y - pane.height;
-    for (const set of ["setViewport", "setScissor"]) renderer[set](pane.x, low, pane.width, pane.height);
-    renderer.setScissorTest(true);
+    this.enter(pane);
     renderer.setClearColor((r => (r[0] * 255 << 16) + (r[1] * 255 << 8) + r[2] * 255)(theme.paper), 1);
     renderer.clear(true, true, false);
     this.aim(pane, box);
-    this.flood(layer, layer.films[Math.min(pane.index, layer.films.length - 1)], now, theme);
+    const { low, high } = data.background, film = layer.films[Math.min(pane.index, layer.films.length - 1)];
+    this.wall.uniforms.low.value.set(...low); this.wall.uniforms.high.value.set(...high);
+    colourWater(this.wall, layer, film, film.between(now), theme);
     renderer.render(this.walls, this.eye);
     if (data.egg) {
       this.ball.uniforms.egg.value.set(data.egg.x, data.egg.y, data.egg.z, data.egg.radius);
@@ -325,31 +281,14 @@ class Volume {
     renderer.setScissorTest(false);
   }
 
-  flood(layer, film, now, theme) {
-    const water = this.wall.uniforms, { low, high } = data.background;
-    water.film.value = film.texture;
-    water.low.value.set(...low); water.high.value.set(...high); water.size.value.set(...film.size); water.frame.value.set(...film.between(now));
-    water.levels.value.set((layer.most - layer.least) / layer.step, layer.least / layer.step);
-    layer.ramps[theme.dark ? 1 : 0].forEach((hex, i) => water.ramp.value[i].set(...rgb(hex)));
-    water.paper.value.set(...theme.paper); water.line.value.set(...theme.ink);
-    water.contrast.value = theme.dark ? 0.28 : 0.22;
-  }
-
   drawTails(pane, now, headTint, strand) {
-    const { lives, tails } = pane, bent = 0.04, a = [0, 0, 0], b = [0, 0, 0];
+    const { lives, tails } = pane, a = [0, 0, 0], b = [0, 0, 0];
     tails.clear();
-    for (let cell = 0; cell < lives.n; cell++) {
-      if (lives.over(cell, now)) continue;
-      const colour = headTint(cell, false);
-      for (let i = 0; i <= TAIL_PARTS; i++) {
-        const back = i / TAIL_PARTS;
-        lives.place(cell, Math.max(0, now - BEAT * back));
-        const wave = bent * Math.min(1, 2.2 * back) * Math.sin(2 * Math.PI * (1.3 * back - 2.1 * now + 0.38 * cell));
-        b[0] = lives.x + wave * lives.nx; b[1] = lives.y + wave * lives.ny; b[2] = lives.z + wave * lives.nz;
-        if (i) tails.add(a, b, colour, 0.95 - 0.75 * back, now);
-        a[0] = b[0]; a[1] = b[1]; a[2] = b[2];
-      }
-    }
+    beating(lives, now, BEAT, (cell, wave, first, light) => {
+      b[0] = lives.x + wave * lives.nx; b[1] = lives.y + wave * lives.ny; b[2] = lives.z + wave * lives.nz;
+      if (!first) tails.add(a, b, headTint(cell, false), light, now);
+      a[0] = b[0]; a[1] = b[1]; a[2] = b[2];
+    });
     tails.send();
     strand(this.trails, 0.7, 0, 2.5, [0, 0], 1);
     this.renderer.render(pane.flagella, this.eye);

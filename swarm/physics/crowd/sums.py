@@ -1,0 +1,66 @@
+"""Sums: the flow of all dipoles at all cells, pair by pair, by loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swarm._support.compiler import loops
+from swarm.physics.crowd import interactions
+from swarm.physics.crowd.interactions import Dipole
+
+film, bulk = loops(interactions.film), loops(interactions.bulk)
+
+
+@dataclass(frozen=True)
+class Sums:
+    """What the others' dipoles do to every cell, as `Dipole.drift` finds it."""
+
+    dipole: Dipole
+
+    def __call__(self, alive: np.ndarray, *poses: np.ndarray) -> np.ndarray:
+        """u_x, u_y and spin (3, rows, cells); `alive` (worlds, cells) bool, `poses` the components of place
+        and heading, each (rows, cells), whose rows are those worlds over and over.
+        """
+        law, strength, core = self.dipole.law
+        number = poses[0].dtype.type
+        return sums(law is interactions.film, alive, *poses, number(strength), number(core))
+
+
+@loops
+def sums(in_film, alive, x, y, ahead, aside, strength, core):
+    """See `Sums`."""
+    found = np.zeros((3, *x.shape), x.dtype)
+    for row in range(len(x)):
+        places, moved = (x[row], y[row]), (found[0, row], found[1, row], found[2, row])
+        for maker in range(x.shape[1]):
+            if alive[row % len(alive), maker]:
+                dipole = x[row, maker], y[row, maker], ahead[row, maker], aside[row, maker], strength, core
+                if in_film:
+                    add_film(places, dipole, moved)
+                else:
+                    add_bulk(places, dipole, moved)
+    return found
+
+
+@loops
+def add_film(places, dipole, moved):
+    """Adds to u, v and spin (cells,) what a dipole makes at places in a film."""
+    (x, y), (at, up, ahead, aside, strength, core), (u, v, spin) = places, dipole, moved
+    for cell in range(len(x)):
+        du, dv, turning = film(x[cell] - at, y[cell] - up, ahead, aside, strength, core)
+        u[cell] += du
+        v[cell] += dv
+        spin[cell] += turning
+
+
+@loops
+def add_bulk(places, dipole, moved):
+    """As `add_film`, in bulk fluid."""
+    (x, y), (at, up, ahead, aside, strength, core), (u, v, spin) = places, dipole, moved
+    for cell in range(len(x)):
+        du, dv, turning = bulk(x[cell] - at, y[cell] - up, ahead, aside, strength, core)
+        u[cell] += du
+        v[cell] += dv
+        spin[cell] += turning
