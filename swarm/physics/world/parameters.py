@@ -29,7 +29,6 @@ from swarm._support.checks import (
 from swarm.physics import species
 from swarm.physics.crowd.interactions import Interaction, check_interactions
 from swarm.physics.crowd.medium import Medium, check_medium
-from swarm.physics.crowd.race import Race
 from swarm.physics.crowd.spread import Spread, check_spread
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow, StillWater
@@ -41,6 +40,7 @@ from swarm.physics.perception import Memory, MemoryWithFlow, MemoryWithFlowInSpa
 from swarm.physics.rewards import Reward, check_reward
 from swarm.physics.world import rules
 from swarm.physics.world.actions import ACTIONS, Actions, check_range
+from swarm.physics.world.race import Race
 
 Array = Any
 
