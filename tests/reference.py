@@ -21,6 +21,12 @@ def to_numpy(values):
     return np.asarray(values)
 
 
+def slopes_of(function, position, step=1e-5):
+    """Derivatives (..., 2) of a function of positions along x and y, by central differences."""
+    ahead, back = ([function(position + way * side) for side in step * np.eye(2)] for way in (1, -1))
+    return np.stack([(a - b) / (2 * step) for a, b in zip(ahead, back, strict=True)], axis=-1)
+
+
 def pose(xp, position, angle, dtype=None):
     """A pose from positions (..., 2) and angles (...)."""
     heading = np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -35,7 +35,6 @@ def namespace(array: Array) -> Any:
 
 
 def is_torch(array: Array) -> bool:
-    """Whether `array` is torch's."""
     return type(array).__module__ == "torch"
 
 

@@ -134,22 +134,24 @@ def check_pair(
     name: str, value: Any, *, rule: str = "two finite numbers (x, y)", **bounds: float
 ) -> tuple[float, float]:
     """Return `value` as two floats; raises unless it is two finite numbers within the bounds."""
-    try:
-        x, y = (check_number(name, number, **bounds) for number in value)
-    except (TypeError, ValueError) as error:
-        kind = TypeError if isinstance(error, TypeError) else ValueError
-        raise kind(f"{name} must be {rule}, got {value!r}") from None
+    x, y = _numbers(name, value, 2, rule, **bounds)
     return x, y
 
 
 def check_triple(name: str, value: Any) -> tuple[float, ...]:
     """Return `value` as three floats; raises unless it is three finite numbers."""
+    return _numbers(name, value, 3, "three finite numbers")
+
+
+def _numbers(name: str, value: Any, count: int, rule: str, **bounds: float) -> tuple[float, ...]:
     try:
-        x, y, z = (check_number(name, number) for number in value)
+        numbers = tuple(check_number(name, number, **bounds) for number in value)
+        if len(numbers) == count:
+            return numbers
+        kind: type[Exception] = ValueError
     except (TypeError, ValueError) as error:
         kind = TypeError if isinstance(error, TypeError) else ValueError
-        raise kind(f"{name} must be three finite numbers, got {value!r}") from None
-    return x, y, z
+    raise kind(f"{name} must be {rule}, got {value!r}")
 
 
 def check_point(name: str, value: Any) -> tuple[float, ...]:

@@ -34,7 +34,6 @@ class Pieces:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of pieces."""
         return (len(self.pieces),)
 
     def __getitem__(self, key: tuple[Any, ...]) -> Any:
@@ -173,7 +172,6 @@ def _called_by_jax(number: int, shape: tuple[int, ...], like: Array, *arrays: Ar
 
 @functools.cache
 def _declare_outside() -> None:
-    """Makes `call_outside` known to torch."""
     import torch
     from torch import Tensor
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import threading
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any, ClassVar, Self, TextIO
@@ -16,7 +16,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-SOON = 0.02  # of the work, before which nothing is said of the time left
 FIRST, QUIET = 5.0, 10.0  # [s] until the first line, and between lines, where there is no terminal
 
 
@@ -32,16 +31,13 @@ class Told:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """As a stream does."""
         self._try("write", text)
         return len(text)
 
     def flush(self) -> None:
-        """As a stream does."""
         self._try("flush")
 
     def isatty(self) -> bool:
-        """As a stream does."""
         return self._stream is not None and self._stream.isatty()
 
     def _try(self, do: str, *arguments: Any) -> None:
@@ -82,15 +78,14 @@ class Progress(progress.Progress):
     _shown: ClassVar[list[Progress]] = []
 
     def __init__(self, title: str, total: float | None = None, done: float = 0.0) -> None:
-        named, text, left = (
-            progress.TextColumn(f"{{task.{each}}}", markup=False)
-            for each in ("description", "fields[text]", "fields[clock].left")
+        named, text = (
+            progress.TextColumn(f"{{task.{each}}}", markup=False) for each in ("description", "fields[text]")
         )
         console = Console(file=Told(sys.stderr))  # type: ignore[arg-type]
-        columns = named, progress.BarColumn(), text, left
-        super().__init__(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self.title, self.text, self.clock = title, "", Clock(total, done)
-        self.work = self.add_task(title, total=total, completed=done, text="", clock=self.clock)  # type: ignore[arg-type]
+        columns = named, progress.BarColumn(), text, TimeLeft()
+        options: dict[str, Any] = {"transient": True, "speed_estimate_period": math.inf}
+        super().__init__(*columns, console=console, disable=not console.is_terminal, **options)
+        self.add_task(title, total=total, completed=done, text="")  # type: ignore[arg-type]
         self._over = threading.Event()
 
     def __enter__(self) -> Self:
@@ -110,9 +105,7 @@ class Progress(progress.Progress):
 
     def show(self, done: float, total: float | None = None, text: str = "") -> None:
         """So much of `total`, or of the total it began with, is done."""
-        self.clock.set(done, total)
-        self.text = text
-        self.update(self.work, completed=done, total=total, text=text)
+        self.update(self.task_ids[0], completed=done, total=total, text=text)
 
     def say(self, line: str) -> None:
         """Print a line that stays."""
@@ -124,43 +117,19 @@ class Progress(progress.Progress):
         while not self._over.wait(pause):
             pause = QUIET
             if self._shown[-1] is self:
-                part = "" if self.clock.part is None else f"{self.clock.part:.0%}"
-                far = " ".join(filter(None, (self.title, self.text, part)))
-                self.say(", ".join(filter(None, (far, self.clock.spent, self.clock.left))))
+                (task,) = self.tasks
+                part = f"{task.percentage:.0f}%" if task.total else ""
+                far = " ".join(filter(None, (task.description, task.fields["text"], part)))
+                told = far, duration(task.elapsed or 0.0), TimeLeft().render(task).plain
+                self.say(", ".join(filter(None, told)))
 
 
-class Clock:
-    """How long work has taken, and how long it will if it goes on as until now."""
+class TimeLeft(progress.ProgressColumn):
+    """The time that is left if the work goes on as until now; nothing where nothing can be told yet."""
 
-    def __init__(self, total: float | None, done: float) -> None:
-        self.total, self.done, self.first = total, done, done
-        self.began = self.changed = time.monotonic()
-
-    def set(self, done: float, total: float | None) -> None:
-        """So much is done now."""
-        self.total = self.total if total is None else total
-        self.done, self.changed = done, time.monotonic()
-
-    @property
-    def part(self) -> float | None:
-        """The part of it that is done, where it is known."""
-        return self.done / self.total if self.total else None
-
-    @property
-    def spent(self) -> str:
-        """The time it has taken."""
-        return duration(time.monotonic() - self.began)
-
-    @property
-    def left(self) -> str:
-        """The time that is left; nothing is said where nothing can be told yet, and in the end."""
-        new = self.done - self.first
-        if self.total is None or self.done >= self.total or new <= 0:
-            return ""
-        if new < SOON * (self.total - self.first):
-            return ""
-        each = (self.changed - self.began) / new
-        return f"about {duration(each * max(self.total - self.done, 0.0))} left"
+    def render(self, task: progress.Task) -> Text:
+        left = None if task.finished else task.time_remaining
+        return Text("" if left is None else f"about {duration(left)} left")
 
 
 def duration(seconds: float) -> str:

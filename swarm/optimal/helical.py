@@ -45,7 +45,6 @@ class Sphere:
 
     @property
     def size(self) -> int:
-        """Number of directions."""
         return 2 * self.angles**2
 
     @cached_property
@@ -164,10 +163,7 @@ def _splines(
     ticks = tuple(sum(problem.ticks[action] for action in each) for each in sequences)
     blocks = dataclasses.replace(problem, ticks=ticks)
     decisions = functools.partial(_Decisions, problem, sphere, sequences)
-    for row, spline in enumerate(backward(blocks, decisions, np.zeros(sphere.size), sphere.spline)):
-        yield spline
-        if progress is not None:
-            progress((row + 1) / len(blocks.times))
+    return backward(blocks, decisions, np.zeros(sphere.size), sphere.spline, progress)
 
 
 def seen_gradient(pose: Pose) -> np.ndarray:
@@ -187,12 +183,10 @@ class HelicalLimit:
 
     @classmethod
     def shapes(cls, problem: Problem, spheres: Spheres) -> dict[str, tuple[type, tuple[int, ...]]]:
-        """Type and shape of every tensor."""
         return {f"{n} angles": (np.float64, (sphere_of(problem, n).size,)) for n in spheres}
 
     @classmethod
     def compute(cls, problem: Problem, spheres: Spheres, progress: Progress | None = None) -> HelicalLimit:
-        """The limit on all the spheres."""
         tensors, sizes = {}, [sphere_of(problem, n).size for n in spheres]
         for i, (n, name) in enumerate(zip(spheres, cls.shapes(problem, spheres), strict=True)):
             low, high = (sum(sizes[:end]) / sum(sizes) for end in (i, i + 1))

@@ -66,7 +66,6 @@ class Problem:
         return helix(kappa, tau, speed * duration)
 
     def moved(self, pose: Pose, action: int, duration: np.ndarray) -> Pose:
-        """The pose after a time (cells,) with `action`."""
         if self.torsions is not None:
             return along_helix(pose, self.screw(action, duration))
         same = np.ones(duration.shape)
@@ -92,8 +91,12 @@ class Problem:
 
 
 def backward(
-    problem: Problem, decision: Callable[[int, int], Any], last: np.ndarray, kept: Callable[[np.ndarray], Any]
-) -> Iterator[np.ndarray]:
+    problem: Problem,
+    decision: Callable[[int, int], Any],
+    last: Any,
+    kept: Callable[[np.ndarray], Any],
+    progress: Progress | None = None,
+) -> Iterator[Any]:
     """The largest gain still to come at every time left, from that at the end of life, `last`, to its start.
 
     `decision(action, left)` has `before`, which gives what there is before it from what there is after it;
@@ -102,7 +105,7 @@ def backward(
     whole = [decision(action, problem.life_ticks) for action in range(len(problem.ticks))]
     recent = {0: last}
     yield last
-    for left in problem.times.tolist()[1:]:
+    for row, left in enumerate(problem.times.tolist()[1:], start=2):
         gains = []
         for action, ticks in enumerate(problem.ticks):
             step = whole[action] if left > ticks else decision(action, left)
@@ -111,6 +114,8 @@ def backward(
         for old in [time for time in recent if time and time < left - max(problem.ticks)]:
             del recent[old]
         yield recent[left]
+        if progress is not None:
+            progress(row / len(problem.times))
 
 
 def largest(scores: np.ndarray, dense: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -21,6 +21,7 @@ import numpy as np
 import platformdirs
 
 from swarm._support import tensors
+from swarm._support.terminal import Progress, tell
 from swarm.optimal.helical import HelicalLimit, Spheres
 from swarm.optimal.problem import Problem
 from swarm.optimal.tables import Grids, Shapes, VortexLimit, VortexTables
@@ -65,7 +66,7 @@ def tables(kind: Any, problem: Problem, grids: Grids | Spheres) -> Any:
             if path.exists():
                 return kind(problem, grids, read(path, key, kind.shapes(problem, grids)))
         except (OSError, ValueError) as error:
-            _say(f"{path} is not used, its tables are computed anew: {error}")
+            tell(f"{path} is not used, its tables are computed anew: {error}")
     slow = problem.flow is not None
     where = "the Taylor–Green flow" if slow else "space"
     with shown_progress(f"Optimal {key['kind']} in {where}", slow) as progress:
@@ -75,7 +76,7 @@ def tables(kind: Any, problem: Problem, grids: Grids | Spheres) -> Any:
         path.parent.mkdir(parents=True, exist_ok=True)
         write(path, key, computed.tensors)
     except OSError as error:
-        _say(f"{path} could not be written, so its tables will be computed again: {error}")
+        tell(f"{path} could not be written, so its tables will be computed again: {error}")
     return computed
 
 
@@ -112,17 +113,9 @@ def _digest(arrays: dict[str, np.ndarray]) -> str:
     return digest.hexdigest()
 
 
-def _say(line: str) -> None:
-    from swarm._support.terminal import tell
-
-    tell(line)
-
-
 @contextmanager
 def shown_progress(title: str, slow: bool = True) -> Iterator[Any]:
     """A bar on a terminal, else a line now and then, and for `slow` work one at once."""
-    from swarm._support.terminal import Progress
-
     with Progress(title, 1.0) as bar:
         if bar.disable and slow:
             bar.say(f"{title}: computing it once, which may take a minute or two")

@@ -66,13 +66,11 @@ class VortexLimit(_Kept):
 
     @classmethod
     def shapes(cls, problem: Problem, grids: Grids) -> Shapes:
-        """Type and shape of every tensor."""
         points = math.prod(cls.kept_on(problem, grids).shape)
         return {"means": (np.float64, (len(grids),)), "values": (np.float16, (len(grids), points))}
 
     @classmethod
     def compute(cls, problem: Problem, grids: Grids = GRIDS, progress: Progress | None = None) -> VortexLimit:
-        """The limit on all the grids."""
         kept = cls.kept_on(problem, grids)
         coordinates = kept.coordinates(kept.pose(*kept.points))
         work = np.array([math.prod(pair) * pair[0] for pair in grids], float)
@@ -107,7 +105,6 @@ class VortexTables(_Kept):
 
     @classmethod
     def shapes(cls, problem: Problem, grids: Grids) -> Shapes:
-        """Type and shape of every tensor."""
         points, times = math.prod(grid_of(problem, *grids[0]).shape), len(problem.times)
         components = min(COMPONENTS, times)
         return {

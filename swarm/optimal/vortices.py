@@ -19,16 +19,16 @@ leaves all longer ones alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from swarm.optimal.problem import CUBIC, Problem, Progress, heading_angle, lagrange
+from swarm.optimal.problem import backward as problem_backward
 from swarm.physics.motion.arc import Pose, centre_of_curvature
-from swarm.physics.motion.collocation import swim
 
 NODES = np.arange(-2, 3)  # the neighbours that a reading goes through while it builds a table
 DAMPING = 0.2  # of the shortest wave, per decision
@@ -118,103 +118,82 @@ def backward(
     With `monotone` no reading exceeds the values it lies between: less exact, but no steep front overshoots.
     """
     damp = _damping(grid)
-    whole: dict[int, _Decision] = {}  # by action
-    recent = {0: (0.0, (-np.cos(grid.points[0]) / grid.curvature).astype(np.float32))}
-    yield recent[0]
-    times = problem.times.tolist()[1:]
-    for done, left in enumerate(times):
-        steps = []
-        for action, ticks in enumerate(problem.ticks):
-            cut = problem.duration(action, left) < ticks * problem.tick
-            step = None if cut else whole.get(action)
-            step = _Decision(problem, grid, action, left, monotone) if step is None else step
-            if not cut:
-                whole[action] = step
-            steps.append(step)
-        later = [recent[max(left - ticks, 0)] for ticks in problem.ticks]
-        base = later[0][0]
-        values = steps[0].before(later[0][1])
-        for step, (mean, rest) in zip(steps[1:], later[1:], strict=True):
-            np.maximum(values, step.before(rest) + np.float32(mean - base), out=values)
-        values = damp @ values
-        mean = float(values.mean(dtype=np.float64))
-        recent[left] = (base + mean, values - np.float32(mean))
-        for old in [time for time in recent if time and time < left - max(problem.ticks)]:
-            del recent[old]
-        yield recent[left]
-        if progress is not None:
-            progress((done + 1) / len(times))
+
+    def kept(values: np.ndarray) -> tuple[float, np.ndarray]:
+        mean = values.mean()
+        rest = damp @ (values - mean).astype(np.float32)
+        more = rest.mean(dtype=np.float64)
+        return float(mean + more), rest - np.float32(more)
+
+    last = 0.0, (-np.cos(grid.points[0]) / grid.curvature).astype(np.float32)
+    return problem_backward(problem, partial(_Decision, problem, grid, monotone), last, kept, progress)
 
 
 class _Decision:
     """What one decision does to a table: the readings along θ, Y and X, and how far the centre rises."""
 
-    def __init__(self, problem: Problem, grid: Grid, action: int, left: int, monotone: bool) -> None:
-        speed, duration = problem.speeds[action], float(problem.duration(action, left))
-        motion = _Motion(grid, problem, problem.curvatures[action], speed, duration)
+    def __init__(self, problem: Problem, grid: Grid, monotone: bool, action: int, left: int) -> None:
+        moved = partial(_moved, problem, grid, action, float(problem.duration(action, left)))
         starts = range(0, len(grid.points[0]), CHUNK)
         chunks = ([part[first : first + CHUNK] for part in grid.points] for first in starts)
-        parts = [motion.offsets(*chunk) for chunk in chunks]
+        parts = [_offsets(moved, grid.spacing, *chunk) for chunk in chunks]
         theta, x, y, rise = (np.concatenate(part) for part in zip(*parts, strict=True))
         self.rise = rise.astype(np.float32)
         self.readings = [_reading(grid, axis, offset) for axis, offset in ((0, theta), (2, y), (1, x))]
         columns = [matrix.indices.reshape(-1, len(NODES))[:, 1:-1] for matrix in self.readings]
         self.between = [np.ascontiguousarray(part.T) for part in columns] if monotone else []
 
-    def before(self, values: np.ndarray) -> np.ndarray:
-        """What is still to come (points,) before the decision, from `values` (points,) after it."""
+    def before(self, later: tuple[float, np.ndarray]) -> np.ndarray:
+        """What is still to come (points,) before it, from mean and rest (points,) of what is after it."""
+        mean, values = later
         for axis, matrix in enumerate(self.readings):
             read = matrix @ values
             if self.between and axis > 0:  # in place; headings carry no fronts
                 near = [values[index] for index in self.between[axis]]
                 np.clip(read, np.minimum.reduce(near), np.maximum.reduce(near), out=read)
             values = read
-        return values + self.rise
+        return np.float64(mean) + (values + self.rise)
 
 
-@dataclass(frozen=True)
-class _Motion:
-    """Where a decision takes the cells of a grid."""
+def _moved(
+    problem: Problem, grid: Grid, action: int, duration: float, *places: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """How far θ [rad], X and Y [length] of cells there, their `places`, move."""
+    theta, x, y = places
+    curvature, speed = problem.curvatures[action], problem.speeds[action]
+    end = problem.moved(grid.pose(*places), action, np.full(theta.shape, duration))
+    centre = centre_of_curvature(end, np.asarray(grid.curvature))
+    turn = curvature * speed * duration
+    by_flow = (heading_angle(end) - theta - turn + np.pi) % (2 * np.pi) - np.pi
+    return turn + by_flow, centre[..., 0] - x, centre[..., 1] - y
 
-    grid: Grid
-    problem: Problem
-    curvature: float
-    speed: float
-    duration: float
 
-    def moved(self, theta: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
-        """How far θ [rad], X and Y [length] of cells there move."""
-        start = self.grid.pose(theta, x, y)
-        same = np.ones(theta.shape)
-        end = swim(start, self.curvature * same, self.speed * same, self.duration * same, self.problem.flow)
-        centre = centre_of_curvature(end, np.asarray(self.grid.curvature))
-        turn = self.curvature * self.speed * self.duration
-        by_flow = (heading_angle(end) - theta - turn + np.pi) % (2 * np.pi) - np.pi
-        return turn + by_flow, centre[..., 0] - x, centre[..., 1] - y
+def _offsets(
+    moved: Callable[..., tuple[np.ndarray, ...]],
+    step: tuple[float, float, float],
+    theta: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+) -> tuple[np.ndarray, ...]:
+    """Where to read, in steps from each point: along θ, X and Y; and how far a cell there rises [length].
 
-    def offsets(self, theta: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Where to read, in steps from each point: along θ, X and Y; and how far a cell there rises [length].
-
-        X is read where a cell from the point ends; Y where one does that ends at the point's X; θ where one
-        does that ends at the point's X and Y.
-        """
-        step = self.grid.spacing
-        _, along_x, rise = self.moved(theta, x, y)
-        from_x, shift = x - along_x, along_x
-        for _ in range(INVERSE_STEPS):
-            _, shift, along_y = self.moved(theta, from_x, y)
-            settled = np.abs(x - shift - from_x).max() < SETTLED
-            from_x = x - shift
-            if settled:
-                break
-        from_y = y - along_y
-        for _ in range(INVERSE_STEPS):
-            turn, shift, rest = self.moved(theta, from_x, from_y)
-            settled = max(np.abs(x - shift - from_x).max(), np.abs(y - rest - from_y).max()) < SETTLED
-            from_x, from_y = x - shift, y - rest
-            if settled:
-                break
-        return turn / step[0], along_x / step[1], along_y / step[2], rise
+    X is read where a cell from the point ends; Y where one does that ends at the point's X; θ where one does
+    that ends at the point's X and Y.
+    """
+    _, along_x, rise = moved(theta, x, y)
+    from_x = x - along_x
+    for _ in range(INVERSE_STEPS):
+        before, (_, shift, along_y) = from_x, moved(theta, from_x, y)
+        from_x = x - shift
+        if np.abs(from_x - before).max() < SETTLED:
+            break
+    from_y = y - along_y
+    for _ in range(INVERSE_STEPS):
+        before, (turn, shift, rest) = (from_x, from_y), moved(theta, from_x, from_y)
+        from_x, from_y = x - shift, y - rest
+        if max(np.abs(from_x - before[0]).max(), np.abs(from_y - before[1]).max()) < SETTLED:
+            break
+    return turn / step[0], along_x / step[1], along_y / step[2], rise
 
 
 def _reading(grid: Grid, axis: int, offset: np.ndarray) -> Any:

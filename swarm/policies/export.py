@@ -134,7 +134,6 @@ def _c(network: Network, name: str) -> bytes:
 
 
 def _act_in_c(network: Network, name: str) -> list[str]:
-    """The function that chooses."""
     if network.curvature_range is not None:
         middle, half = _middle_and_half(network)
         return [
@@ -227,16 +226,15 @@ def _onnx(network: Network, name: str) -> bytes:
 
 
 def _identifier(text: str) -> str:
-    """A name that C takes."""
     name = re.sub(r"\W", "_", text, flags=re.ASCII) or "policy"
     return f"policy_{name}" if name[0].isdigit() else name
 
 
 FORMATS: dict[str, Callable[[Network, str], bytes]] = {"c": _c, "json": _json, "onnx": _onnx}
-SUFFIXES = {"c": ".h", "json": ".json", "onnx": ".onnx"}
 
 
 def default_path(policy: str, format: str) -> Path:
     """Where a policy of this name goes: into the current folder, called as it is."""
     name = Path(policy.rpartition(":")[2]).expanduser().name.removesuffix(".safetensors") or "policy"
-    return Path(name + SUFFIXES[check_name("format", format, FORMATS)])
+    suffix = "h" if check_name("format", format, FORMATS) == "c" else format
+    return Path(f"{name}.{suffix}")

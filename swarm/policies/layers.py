@@ -64,12 +64,10 @@ class GRU:
 
     @property
     def inputs(self) -> int:
-        """Numbers that it takes."""
         return self.arrays["weight_ih"].shape[1]
 
     @property
     def nodes(self) -> int:
-        """Numbers of its hidden state."""
         return self.arrays["weight_hh"].shape[1]
 
     @property

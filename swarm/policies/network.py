@@ -163,7 +163,6 @@ class Network:
         return self._as_action(self(observation), state)
 
     def _as_action(self, action: np.ndarray, state: State) -> Array:
-        """In the array library of the state."""
         if self.curvature_range is not None:
             return as_array(action, state.memory)
         return namespace(state.memory).asarray(action)

@@ -59,19 +59,17 @@ def check_card(card: dict[str, Any]) -> dict[str, Any]:
     if len(json.dumps(plain)) > MAX_HEADER // 4:
         raise PolicyError(f"card must have at most {MAX_HEADER // 4} bytes")
     continuous = plain.get("curvature_range") is not None
-    for name in ("n_records", "features", "n_actions"):
-        if name not in plain:
-            raise PolicyError(f"card must state {name}, got {', '.join(list(plain)[:10]) or 'an empty card'}")
-        try:
+    try:
+        for name in ("n_records", "features", "n_actions"):
+            if name not in plain:
+                given = ", ".join(list(plain)[:10]) or "an empty card"
+                raise ValueError(f"card must state {name}, got {given}")
             least = 1 if name == "n_actions" and continuous else 2
             check_count(f"card's {name}", plain[name], at_least=least)
-        except (TypeError, ValueError) as error:
-            raise PolicyError(str(error)) from None
-    if continuous:
-        try:
+        if continuous:
             plain["curvature_range"] = list(check_range("card's curvature_range", plain["curvature_range"]))
-        except (TypeError, ValueError) as error:
-            raise PolicyError(str(error)) from None
+    except (TypeError, ValueError) as error:
+        raise PolicyError(str(error)) from None
     sensor = plain.get("sensor", SENSORS.get(plain["features"]))
     if not isinstance(sensor.get(TYPE) if isinstance(sensor, dict) else sensor, str):
         rule = f"card must state the sensor of {plain['features']} features by name, or type and parameters"

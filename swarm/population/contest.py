@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, get_args
 
 from swarm._support import streams
 from swarm._support.checks import check_count, check_memory, check_name
 from swarm.optimal import physical_limit
+from swarm.optimal.problem import Progress
 from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy, check_policy, fingerprint
 from swarm.policies.strategies import Greedy
 from swarm.population.blocks.block import PopulationTest, Record, blocks_of, each_lived, memory_needed
 from swarm.population.blocks.storage import Storage, joined
-from swarm.population.blocks.tally import Tally, limit_of, merged, statistics_of, tally
 from swarm.population.results import RIVAL, origin
+from swarm.population.statistics import Tally, tally
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Progress = Callable[[float], None]
 
 
 def population_test(
@@ -110,24 +110,22 @@ def _in_file(
             storage.write(block.number, part)
             tallies[block.number] = found
 
-        def parts() -> Any:
+        def parts() -> Iterator[xr.Dataset]:
             for block in blocks:
                 part = storage.part(block.number)
                 if block.number not in tallies:
                     tallies[block.number] = tally(part, test.bounds, coupled=test.world.is_shared)
                 yield part
 
-        def attributes() -> dict[str, Any]:
-            return _attributes(test, [tallies[block.number] for block in blocks])
-
-        storage.join(parts(), test.sizes, attributes)
+        storage.join(
+            parts(), test.sizes, lambda: _attributes(test, [tallies[each.number] for each in blocks])
+        )
     return storage.opened()
 
 
 def _attributes(test: PopulationTest, tallies: Sequence[Tally]) -> dict[str, Any]:
-    """What the results of a population test say of it."""
-    whole = merged(tallies)
-    limit = limit_of(whole)
+    whole = functools.reduce(Tally.merged, tallies)
+    limit = whole.limit
     about: dict[str, Any] = {
         "title": "Population test: the same starts for every policy",
         "population": test.population,
@@ -136,7 +134,7 @@ def _attributes(test: PopulationTest, tallies: Sequence[Tally]) -> dict[str, Any
         **({} if limit is None else {"limit": limit}),
     }
     if len(tallies) > 1 or test.record == "statistics":
-        found = {"cells": whole.gain.number, "policies": statistics_of(whole, list(test.policies))}
+        found = {"cells": whole.cells.number, "policies": whole.statistics(list(test.policies), limit)}
         about |= {"block": streams.BLOCK, "blocks": len(tallies), "statistics": json.dumps(found)}
     return about
 
@@ -158,8 +156,7 @@ def _identity(test: PopulationTest) -> dict[str, Any]:
 
 
 def _with_rival(policies: Mapping[str, AnyPolicy]) -> dict[str, AnyPolicy]:
-    named: Mapping[Any, Any] = policies
-    for name, policy in named.items():
+    for name, policy in policies.items():
         if not isinstance(name, str) or not name:
             raise TypeError(f"policies must be named by text, got {name!r}")
         check_policy(name, policy)

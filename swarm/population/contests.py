@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,13 +22,14 @@ import numpy as np
 from swarm._support import streams
 from swarm._support.checks import check_count, check_memory, check_number
 from swarm._support.tables import Table, percent
+from swarm.optimal.problem import Progress, part_of
 from swarm.physics.perception import SENSORS, Memory, Sensor, Situation
 from swarm.physics.starts import draw_worlds
 from swarm.physics.world import State, World
 from swarm.physics.world.rules import in_units
 from swarm.policies.policy import AnyPolicy, begin, check_policy, decide, is_continuous
-from swarm.population.blocks.block import memory_needed
-from swarm.population.results import origin
+from swarm.population.blocks.block import worlds_at_once
+from swarm.population.results import labels, origin
 from swarm.population.rollout import rollout
 from swarm.population.statistics import share_interval
 
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Array = Any
+
+KEPT = 32.0  # [bytes] of a cell, once its life is over
 
 
 def contest(
@@ -46,7 +49,7 @@ def contest(
     cells: int = 40,
     worlds: int = 40,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """Races of several policies in the same `worlds`, each policy steering its share of the `cells`.
 
@@ -56,8 +59,8 @@ def contest(
 
     Per policy: `won`, its share of all wins; `won_interval` (policy, bound), 95%, over turns; `crowd`, its
     share of the cells. Per (world, cell): `steered_by`, the policy's number; `winner`, `arrival_time`
-    (infinite for who never came), `gain` and in a medium `eaten`. Per world: `turn`. `progress` is called
-    with the part of the longest life that is over. Raises TypeError or
+    (infinite for who never came), `gain` and in a medium `eaten`. Per world: `turn`. Worlds are lived some at
+    a time, so that memory stays bounded. `progress` is called with the part that is over. Raises TypeError or
     ValueError that names the rule: without a race, for shares that leave a policy without a cell, for worlds
     that are no whole turns, for a policy that does not fit the world or whose sensor the world cannot serve.
     """
@@ -70,11 +73,18 @@ def contest(
         rule = f"worlds must be a multiple of {turn}, so that every policy has had every start"
         raise ValueError(f"{rule} with {counts} of {cells} cells, got {worlds}")
     seed = streams.check_seed(seed)
-    needed = memory_needed(together, cells * worlds, 0)
-    check_memory(needed, f"cells × worlds must be fewer, got {cells} × {worlds}")
+    check_memory(KEPT * cells * worlds, f"cells × worlds must be fewer, got {cells} × {worlds}")
     steered_by = first.steered_by[(np.arange(cells) + np.arange(worlds)[:, None]) % cells]
-    episodes = np.arange(worlds) // turn
-    ended = _race(together, dataclasses.replace(first, steered_by=steered_by), seed, episodes, progress)
+    episodes, most = np.arange(worlds) // turn, worlds_at_once(world, cells)
+    parts = []
+    for at in range(0, worlds, most):
+        some = slice(at, min(at + most, worlds))
+        crowd = dataclasses.replace(first, steered_by=steered_by[some])
+        told = part_of(progress, some.start / worlds, some.stop / worlds)
+        parts.append(_race(together, crowd, seed, episodes[some], told))
+        if told is not None:
+            told(1.0)
+    ended = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     return _dataset(world, list(policies), counts, steered_by, episodes, ended, seed)
 
 
@@ -220,18 +230,11 @@ def _views(world: World, policies: Mapping[str, AnyPolicy]) -> tuple[list[_View]
             kind = TypeError if isinstance(error, TypeError) else ValueError
             raise kind(f"policy {name!r} must be able to steer cells of this world: {error}") from None
         worlds.append(seen)
-    sensors: list[Sensor] = []
-    for seen in worlds:
-        if seen.sensor not in sensors:
-            sensors.append(seen.sensor)
-    if len(sensors) == 1:
-        columns = list(range(len(sensors[0].names)))
-        return [_View(each, worlds[0], columns) for each in policies.values()], worlds[0]
-    all_of_it = _Together(tuple(sensors))
-    views = zip(policies.values(), worlds, strict=True)
-    return [_View(policy, seen, all_of_it.columns(seen.sensor)) for policy, seen in views], world.replace(
-        sensor=all_of_it
-    )
+    sensors = [seen.sensor for seen in worlds]
+    together = _Together(tuple(each for i, each in enumerate(sensors) if each not in sensors[:i]))
+    pairs = zip(policies.values(), worlds, strict=True)
+    views = [_View(policy, seen, together.columns(seen.sensor)) for policy, seen in pairs]
+    return views, worlds[0] if len(together.sensors) == 1 else world.replace(sensor=together)
 
 
 # --- the race -----------------------------------------------------------------------------------------------
@@ -242,19 +245,21 @@ def _race(
     crowd: Crowd,
     seed: int,
     episodes: np.ndarray,
-    progress: Callable[[float], None] | None,
-) -> tuple[State, np.ndarray]:
-    """The state (worlds, cells) at the end of all lives, and the gains."""
+    progress: Progress | None,
+) -> dict[str, np.ndarray]:
+    """What is told of each cell (worlds, cells) at the end of all lives."""
     starts = draw_worlds(world, crowd.steered_by.shape[1], seed, episodes.tolist())
-    for done, last in enumerate(rollout(world, crowd, starts, seed, episode=episodes)):
-        moment = last
+    gain = np.zeros(crowd.steered_by.shape)
+    for done, moment in enumerate(rollout(world, crowd, starts, seed, episode=episodes)):
+        state = moment.state
+        if moment.outcome is not None:
+            gain = np.where(moment.alive, moment.outcome.gain, gain)  # others may eat where a cell has died
         if progress is not None:
             progress(done / world.max_decisions)
-    assert moment.outcome is not None
-    gain = moment.outcome.gain
     if not np.all(np.isfinite(gain)):
         raise ValueError("gains must be finite, got NaN: check what the field and the flow return")
-    return moment.state, gain
+    found = {"winner": world.won(state), "arrival_time": state.arrival_time, "gain": gain}
+    return found if state.medium is None else {**found, "eaten": state.medium.eaten}
 
 
 def _dataset(
@@ -263,46 +268,38 @@ def _dataset(
     counts: Sequence[int],
     steered_by: np.ndarray,
     turns: np.ndarray,
-    ended: tuple[State, np.ndarray],
+    ended: dict[str, np.ndarray],
     seed: int,
 ) -> xr.Dataset:
     import xarray as xr
 
-    state, gain = ended
-    winner = world.won(state)
-    of_turn = np.arange(turns[-1] + 1)[:, None] == turns
-    wins = np.stack([of_turn @ (winner & (steered_by == i)).sum(axis=-1) for i in range(len(names))])
+    won = [(ended["winner"] & (steered_by == i)).sum(axis=-1) for i in range(len(names))]
+    wins = np.stack([np.bincount(turns, each).astype(int) for each in won])
     found = np.array([share_interval(each, wins.sum(axis=0)) for each in wins])
     by_cell = ("world", "cell")
-    variables: dict[str, Any] = {
-        "won": ("policy", found[:, 0], {"long_name": "share of all wins"}),
-        "won_interval": (("policy", "bound"), found[:, 1:], {"long_name": "95% interval of it, over turns"}),
-        "crowd": ("policy", np.array(counts) / sum(counts), {"long_name": "share of the cells"}),
-        "turn": ("world", turns.astype(np.int32), {"long_name": "worlds of a turn have the same starts"}),
-        "steered_by": (by_cell, steered_by.astype(np.int32), {"long_name": "number of the policy"}),
-        "winner": (by_cell, winner, {"long_name": "whether it arrived in time"}),
-        "arrival_time": (
-            by_cell,
-            state.arrival_time,
-            {"long_name": "arrival at the egg", "units": in_units("time", world.units)},
-        ),
-        "gain": (by_cell, gain, {"long_name": "c(end of life) − c(0)", "units": "concentration"}),
+    variables: dict[str, tuple[Any, np.ndarray, str, str]] = {
+        "won": ("policy", found[:, 0], "share of all wins", ""),
+        "won_interval": (("policy", "bound"), found[:, 1:], "95% interval of it, over turns", ""),
+        "crowd": ("policy", np.array(counts) / sum(counts), "share of the cells", ""),
+        "turn": ("world", turns.astype(np.int32), "worlds of a turn have the same starts", ""),
+        "steered_by": (by_cell, steered_by.astype(np.int32), "number of the policy", ""),
     }
-    if state.medium is not None:
-        labels = {"long_name": "eaten of the medium", "units": "amount"}
-        variables["eaten"] = by_cell, state.medium.eaten, labels
-    worlds, cells = steered_by.shape
-    coordinates = {
-        "policy": names,
-        "bound": ["low", "high"],
-        "world": np.arange(worlds, dtype=np.int32),
-        "cell": np.arange(cells, dtype=np.int32),
+    about = {
+        "winner": ("whether it arrived in time", ""),
+        "arrival_time": ("arrival at the egg", in_units("time", world.units)),
+        "gain": ("c(end of life) − c(0)", "concentration"),
+        "eaten": ("eaten of the medium", "amount"),
     }
-    attributes = {
-        "title": "Contest: several policies in the same worlds, each steering a share of the cells",
-        **origin(world, seed),
-    }
-    return xr.Dataset(variables, coordinates, attributes)
+    variables |= {name: (by_cell, values, *about[name]) for name, values in ended.items()}
+    numbers = [np.arange(size, dtype=np.int32) for size in steered_by.shape]
+    return xr.Dataset(
+        {name: (*placed, labels(units, told)) for name, (*placed, told, units) in variables.items()},
+        {"policy": names, "bound": ["low", "high"], **dict(zip(by_cell, numbers, strict=True))},
+        {
+            "title": "Contest: several policies in the same worlds, each steering a share of the cells",
+            **origin(world, seed),
+        },
+    )
 
 
 def table(results: xr.Dataset) -> Table:

@@ -11,6 +11,7 @@ from swarm._support import files, provenance
 from swarm._support.checks import check_number
 from swarm._support.tables import Table, percent, span
 from swarm.optimal.physical_limit import Optimal
+from swarm.optimal.problem import Progress
 from swarm.physics.world import World
 from swarm.policies.adaptive import AdaptiveSteering
 from swarm.policies.network import ZOO, Network, load_policy
@@ -33,11 +34,7 @@ STRATEGIES: dict[Any, Callable[[World], AnyPolicy]] = {
     "random": lambda world: Random(),
     "swinging": lambda world: Swinging(),
 }
-TO_THE_EGG = (
-    "arrived",
-    "time to egg",
-    "median",
-)  # headings; times are means and medians of those that arrived
+TO_THE_EGG = ("arrived", "time to egg", "median")  # headings; times are those of who arrived
 NUMBERS = ("mean", "std", "min", "max", "ci95", "fraction_of_limit")
 
 
@@ -115,11 +112,13 @@ def evaluate(
     world = world.replace(life=life)
     known, label, player = contender(policy, world, name)
     policies = {label: player, RIVAL: Greedy(), "swinging": Swinging()}
-    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
-    results = population_test(world, policies, **sizes, **recorded)
+    sizes: dict[str, Any] = {"cells": cells, "worlds": worlds}
+    results = population_test(world, policies, life=life, seed=seed, **sizes, **recorded)
     numbers = statistics(results)
-    about: dict[str, Any] = {"policy": known, "experiment": experiment, "cells": cells, "worlds": worlds}
-    summary = summarise(results, numbers, label, **about)
+    if worlds == 1:
+        del sizes["worlds"]
+    about = {"policy": known, "experiment": experiment, **sizes}
+    summary = about | _summary(results, numbers, label)
     told = table(results, numbers, cells=cells * worlds, egg=world.egg is not None)
     return Evaluation(summary, results, told, world, label)
 
@@ -134,7 +133,7 @@ def compete(
     worlds: int = 40,
     life: float = 200.0,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """A [`contest`][swarm.population.contests.contest] of two policies by their names or paths, of which the
     first steers a `share` of the cells; where nobody races in the world, to the first arrival.
@@ -158,21 +157,9 @@ def rivals(
     return world, players, {policy: share, rival: 1 - share}
 
 
-def summarise(
-    results: xr.Dataset,
-    numbers: dict[str, dict[str, Any]],
-    label: str,
-    *,
-    policy: str,
-    experiment: str,
-    cells: int,
-    worlds: int,
-) -> dict[str, Any]:
+def _summary(results: xr.Dataset, numbers: dict[str, dict[str, Any]], label: str) -> dict[str, Any]:
     """What summary.json holds of the policy called `label` in the results; None where there is no number."""
     summary = {
-        "policy": policy,
-        "experiment": experiment,
-        "cells": cells,
         "life": results.attrs["life"],
         "seed": int(results.attrs["seed"]),
         "limit": results.attrs.get("limit"),
@@ -182,18 +169,13 @@ def summarise(
         "wins": numbers[label]["wins"],
         **provenance.origin(),
     }
-    if worlds > 1:
-        summary["worlds"] = worlds
     if data := data_of(results):
         summary["data"] = data
     if any(row["arrived"] for row in numbers.values()):
         came = arrivals(results)
         for of_policy, name in ((summary, label), (summary["greedy"], RIVAL)):
-            of_policy["arrived"] = came[name]["arrived"]
-            times = {each: came[name][each] for each in ("mean", "median")} if came[name]["arrived"] else None
-            if times and times["median"] != times["median"]:  # no cell was kept
-                del times["median"]
-            of_policy["time_to_egg"] = times
+            times = {key: came[name][key] for key in ("mean", "median") if came[name][key] == came[name][key]}
+            of_policy |= {"arrived": came[name]["arrived"], "time_to_egg": times or None}
     if "block" in results.attrs:
         summary |= {name: int(results.attrs[name]) for name in ("block", "blocks")}
         summary["quantiles"] = numbers[label]["quantiles"]

@@ -5,13 +5,12 @@ from __future__ import annotations
 import itertools
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from swarm._support import streams
-from swarm._support.checks import check_count, check_name
+from swarm._support.checks import check_name
 from swarm._support.tables import Table, span
 from swarm.physics.world import World
 from swarm.physics.world.rules import in_units
@@ -103,9 +102,6 @@ def sweep_noise(
     that are done. Raises, before anything is computed, ValueError for a wrong level, PolicyError for a policy
     that cannot be had.
     """
-    check_count("cells", cells)
-    check_count("worlds", worlds)
-    streams.check_seed(seed)
     noisy = check_levels(levels, kind, world.replace(life=life))
     contenders = [contender(policy, each) for each in noisy]
     sizes: dict[str, Any] = {"cells": cells, "worlds": worlds, "life": life, "seed": seed}
@@ -117,47 +113,42 @@ def sweep_noise(
         if progress is not None:
             progress(len(tests))
     columns = COLUMNS if world.egg is None else COLUMNS | EGG
-    results = as_dataset(levels, tests, kind, contenders[0][0], columns)
+    results = _dataset(levels, tests, KINDS[kind], contenders[0][0], columns)
     return NoiseSweep(results, tests, table(results))
 
 
-def as_dataset(
-    levels: Sequence[float], tests: Sequence[xr.Dataset], kind: str, policy: str, columns: Mapping[str, str]
+def _dataset(
+    levels: Sequence[float], tests: Sequence[xr.Dataset], kind: Kind, policy: str, columns: dict[str, str]
 ) -> xr.Dataset:
     """The `columns` by level and policy, with the gains and starts of all cells and where they come from."""
     import xarray as xr
 
-    perturbation = KINDS[kind]
     own = json.loads(tests[0].attrs["world"]).get("units")
-    about = {"long_name": perturbation.label, "units": in_units(perturbation.units, own)}
+    about = {"long_name": kind.label, "units": in_units(kind.units, own)}
     results = tests[0][["start_position", "start_heading", "past"]]
     results = results.assign_coords(noise=("noise", np.array(levels, np.float64), about))
     results["cell_gain"] = xr.concat([test["gain"] for test in tests], dim=results["noise"])
     rows = [list(_rows(test)) for test in tests]
-    for column, text in columns.items():
+    for place, (column, text) in enumerate(columns.items()):
         units = {"units": "time"} if "time" in column else {"units": "concentration"}
         units = {} if column in ("wins", "arrived") else units
-        values = np.array([[row[column] for row in of_level] for of_level in rows])
+        values = np.array([[row[place] for row in of_level] for of_level in rows])
         results[column] = (("noise", "policy"), values, {"long_name": text, **units})
     results.attrs |= {
         "title": "Population tests at several levels of noise: the same starts for every policy and level",
-        "kind": perturbation.parameter,
+        "kind": kind.parameter,
         "tested": policy,
     }
     return results
 
 
-def _rows(test: xr.Dataset) -> Iterator[dict[str, float]]:
+def _rows(test: xr.Dataset) -> Iterator[tuple[float, ...]]:
     """The `COLUMNS` and `EGG` of each policy; NaN where there is no number."""
     came, nowhere = arrivals(test), (np.nan, np.nan)
     for name, numbers in statistics(test).items():
-        ahead = numbers["difference_to_greedy"]
-        values = (
-            *(numbers["mean"], *(numbers["ci95"] or nowhere), numbers["std"]),
-            *(ahead["mean"], *(ahead["ci95"] or nowhere), numbers["wins"]),
-            *came[name].values(),
-        )
-        yield dict(zip((*COLUMNS, *EGG), values, strict=True))
+        mean, ahead = numbers["mean"], numbers["difference_to_greedy"]
+        gain = mean, *(numbers["ci95"] or nowhere), numbers["std"]
+        yield *gain, ahead["mean"], *(ahead["ci95"] or nowhere), numbers["wins"], *came[name].values()
 
 
 def table(results: xr.Dataset) -> Table:
@@ -180,21 +171,14 @@ def table(results: xr.Dataset) -> Table:
 
 def records(results: xr.Dataset) -> list[dict[str, Any]]:
     """A record per level and policy, with all its numbers and where they come from."""
+    sizes = {"cells": results.sizes["cell"], "worlds": results.sizes.get("world", 1)}
     origin = {name: results.attrs[name] for name in ("life", "seed", "commit")}
-    return [
-        {
-            "kind": results.attrs["kind"],
-            "noise": level.item(),
-            "policy": str(name),
-            **{
-                column: results[column].sel(noise=level, policy=name).item()
-                for column in COLUMNS | EGG
-                if column in results
-            },
-            "cells": results.sizes["cell"],
-            "worlds": results.sizes.get("world", 1),
-            **origin,
-        }
-        for level in results["noise"].values
-        for name in results["policy"].values
-    ]
+    table = results[[name for name in COLUMNS | EGG if name in results]]
+    found = []
+    for level, policy in itertools.product(
+        results["noise"].values.tolist(), results["policy"].values.tolist()
+    ):
+        numbers = {str(name): each.item() for name, each in table.sel(noise=level, policy=policy).items()}
+        of = {"kind": results.attrs["kind"], "noise": level, "policy": policy}
+        found.append(of | numbers | sizes | origin)
+    return found

@@ -117,7 +117,7 @@ def relabelled(arrays: Mapping[str, np.ndarray], own: Any, *, indexed: bool = Tr
     space = "quaternion" in arrays
     columns, dimensions = columns_of(space), _dimensions(worlds="world" in arrays, space=space)
     variables = {
-        name: (dimensions[name], values, _labels(in_units(columns[name][2], own), columns[name][3]))
+        name: (dimensions[name], values, labels(in_units(columns[name][2], own), columns[name][3]))
         for name, values in arrays.items()
         if name not in COORDINATES
     }
@@ -125,7 +125,8 @@ def relabelled(arrays: Mapping[str, np.ndarray], own: Any, *, indexed: bool = Tr
     return xr.Dataset(variables, known if indexed else xr.Coordinates(known, indexes={}))
 
 
-def _labels(units: str, long_name: str) -> dict[str, str]:
+def labels(units: str, long_name: str) -> dict[str, str]:
+    """Attributes of a variable; units where there are any."""
     return {"units": units, "long_name": long_name} if units else {"long_name": long_name}
 
 

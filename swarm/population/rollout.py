@@ -1,6 +1,5 @@
 """The rollout: a population's life under one policy, decision by decision."""
 
-import functools
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -29,78 +28,36 @@ def rollout(
     population: streams.Population = "test",
     episode: int | np.ndarray = 0,
     first: int = 0,
-    state: State | None = None,
 ) -> Iterator[Moment]:
     """The start, then what every decision led to, until all lives are over.
 
     A policy with a state of its own gets it from decision to decision. Random numbers are those of the
     `population`'s seed and episode, cell by cell, whatever the policy. Starts (worlds, cells, …) are those of
     several worlds, one for each episode from `episode` on, or of the episodes (worlds,) given; cells may be
-    those of a larger population from the `first` on. `state` is the one at t = 0, where that is known.
+    those of a larger population from the `first` on.
     """
-    which: Any = {"population": population, "episode": episode, "first": first}
-    state = started(world, starts, seed, **which) if state is None else state
-    numbers = chances(world, cells_of(starts), seed, chance=not is_deterministic(policy), **which)
-    carry = begin(policy, world, state)
-    yield Moment(state, np.ones(cells_of(starts), bool), None)
-    for decision in range(world.max_decisions):
-        alive = ~state.finished
-        chance, kicks = numbers(decision)
-        state, outcome, carry = lived(policy, world, state, chance, kicks, carry)
-        yield Moment(state, alive, outcome)
-        if state.finished.all():
-            return
-
-
-def started(
-    world: World,
-    starts: Starts,
-    seed: int,
-    *,
-    population: streams.Population = "test",
-    episode: int | np.ndarray = 0,
-    first: int = 0,
-) -> State:
-    """The state at t = 0, its records with their noise; starts and episodes as of `chances`."""
     cells = cells_of(starts)
-    draw = functools.partial(draw_record_noise, world, cells[-1], seed, population=population, first=first)
-    noise = [part for each in _episodes(cells, episode) if (part := draw(episode=each)) is not None]
-    if not noise:
-        return world.start(*starts)
-    return world.start(*starts, noise=np.reshape(np.stack(noise), (*cells, -1)))
-
-
-def chances(
-    world: World,
-    cells: tuple[int, ...],
-    seed: int,
-    *,
-    population: streams.Population = "test",
-    episode: int | np.ndarray = 0,
-    first: int = 0,
-    chance: bool = True,
-) -> Callable[[int], tuple[np.ndarray | None, np.ndarray | None]]:
-    """The random numbers of each decision: a policy's (cells,), or None without `chance`, and the world's
-    noise or None.
-
-    `cells` may be (worlds, cells); each world's numbers are those of an episode of its own, by default one
-    after the other from `episode` on.
-    """
-    episodes = np.array(_episodes(cells, episode))
-    worlds = len(episodes)
+    where: dict[str, Any] = {"population": population, "first": first}
+    episodes = np.asarray(episode)
+    if not episodes.ndim:
+        episodes = episode + np.arange(cells[0] if len(cells) > 1 else 1)
+    noise: Any = [
+        draw_record_noise(world, cells[-1], seed, episode=each, **where) for each in episodes.tolist()
+    ]
+    state = world.start(*starts, noise=None if noise[0] is None else np.reshape(noise, (*cells, -1)))
 
     def drawn(draw: Callable[..., np.ndarray], wanted: bool) -> Callable[[int], np.ndarray | None]:
         if not wanted:
             return lambda decision: None
-        draws = Draws(draw, (worlds, cells[-1]), (seed,) * worlds, population=population, first=first)
+        draws = Draws(draw, (len(episodes), cells[-1]), (seed,) * len(episodes), **where)
         return lambda decision: draws.at(episodes, decision)[... if len(cells) > 1 else 0]
 
-    of_policy, of_world = drawn(draw_chance, chance), drawn(noise_of(world), world.has_noise)
-    return lambda decision: (of_policy(decision), of_world(decision))
-
-
-def _episodes(cells: tuple[int, ...], episode: int | np.ndarray) -> list[int]:
-    """The episode of each world."""
-    if np.ndim(episode):
-        return [int(each) for each in np.asarray(episode)]
-    return [int(episode) + world for world in range(cells[0] if len(cells) > 1 else 1)]
+    chance, kicks = drawn(draw_chance, not is_deterministic(policy)), drawn(noise_of(world), world.has_noise)
+    carry = begin(policy, world, state)
+    yield Moment(state, np.ones(cells, bool), None)
+    for decision in range(world.max_decisions):
+        alive = ~state.finished
+        state, outcome, carry = lived(policy, world, state, chance(decision), kicks(decision), carry)
+        yield Moment(state, alive, outcome)
+        if state.finished.all():
+            return

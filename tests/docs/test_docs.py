@@ -56,12 +56,14 @@ def name_of(page):
 def commands_of(page):
     """Words of every command in the page's shell blocks, without comments and environment folders."""
     for block in blocks_of(page):
-        if block.language not in ("sh", "bash", "console"):
-            continue
-        for line in block.code.splitlines():
-            words = shlex.split(line, comments=True)
-            if words:
-                yield [words[0].removeprefix(".venv/bin/"), *words[1:]]
+        if block.language in ("sh", "bash", "console"):
+            yield from words_of(block)
+
+
+def words_of(block):
+    for line in block.code.replace("\\\n", "").splitlines():
+        if words := shlex.split(line, comments=True):
+            yield [words[0].removeprefix(".venv/bin/"), *words[1:]]
 
 
 @pytest.fixture
@@ -86,6 +88,21 @@ def test_python_blocks_run(page, folder):
         elif block.language == "sh" and page.name in IN_ORDER:
             for line in block.code.splitlines():
                 run_shortened(shlex.split(line, comments=True))
+        elif block.language == "shell":  # of files that the page has made
+            for words in words_of(block):
+                CHECKS[words[0]](words[1:])
+
+
+def test_one_s_own_field_is_drawn_in_forty_lines_and_functions_run_on_every_library(xp):
+    blocks = [
+        block.code for block in blocks_of(DOCS / "how-to" / "own_field.md") if block.language == "python"
+    ]
+    assert sum(bool(line.strip()) for block in blocks[:3] for line in block.splitlines()) <= 40
+    names = {}
+    exec(blocks[3].split("world =")[0], names)
+    for name in ("ripples", "saddle"):
+        values = names[name](xp.ones((4, 2), dtype=xp.float32))
+        assert (values.shape[0], values.dtype) == (4, xp.float32)
 
 
 def run_shortened(words):
@@ -163,12 +180,7 @@ CHECKS = {
     "make": check_make,
     "pip": check_pip,
     "python": check_python,
-    "pytest": lambda words: None,
-    "mkdocs": lambda words: None,
-    "git": lambda words: None,
-    "cd": lambda words: None,
-    "export": lambda words: None,
-    ".": lambda words: None,
+    **dict.fromkeys(("pytest", "mkdocs", "git", "cd", "export", "."), lambda words: None),
 }
 
 

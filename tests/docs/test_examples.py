@@ -64,26 +64,19 @@ class TestText:
         pages = (FOLDER.parent / "docs").rglob("*.md")
         assert any(f"examples/{path.name}" in page.read_text(encoding="utf-8") for page in pages)
 
-    def test_uses_nothing_private(self, path):
-        for node in ast.walk(tree(path)):
-            if isinstance(node, ast.ImportFrom):
-                assert not node.level, "examples stand alone"
-                names = [*node.module.split("."), *(alias.name for alias in node.names)]
-            elif isinstance(node, ast.Import):
-                names = [part for alias in node.names for part in alias.name.split(".")]
-            elif isinstance(node, ast.Attribute) and not (
-                isinstance(node.value, ast.Name) and node.value.id == "self"
-            ):
-                names = [node.attr]
-            else:
-                continue
-            assert not [name for name in names if name.startswith("_") and not name.endswith("__")]
-
-    def test_uses_only_modules_that_are_documented(self, path):
+    def test_uses_nothing_private_and_only_modules_that_are_documented(self, path):
         api = (FOLDER.parent / "docs" / "api.md").read_text(encoding="utf-8")
         for node in ast.walk(tree(path)):
-            modules = [node.module] if isinstance(node, ast.ImportFrom) else []
-            modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            modules, names = [], []
+            if isinstance(node, ast.ImportFrom):
+                assert not node.level, "examples stand alone"
+                modules, names = [node.module], [alias.name for alias in node.names]
+            elif isinstance(node, ast.Import):
+                modules = [alias.name for alias in node.names]
+            elif isinstance(node, ast.Attribute) and getattr(node.value, "id", None) != "self":
+                names = [node.attr]
+            names += [part for name in modules for part in name.split(".")]
+            assert not [name for name in names if name.startswith("_") and not name.endswith("__")]
             for name in modules:
                 assert name.split(".")[0] not in OURS or name in OURS or f"::: {name}\n" in api
 

@@ -9,9 +9,8 @@ from scipy.linalg import expm
 from scipy.ndimage import map_coordinates, spline_filter
 from scipy.spatial.transform import Rotation
 
-from swarm.optimal import helical, store
-from swarm.optimal import physical_limit as optimal
-from swarm.optimal.helical import HelicalLimit, HelicalTables
+from swarm.optimal import helical
+from swarm.optimal.helical import HelicalTables
 from swarm.optimal.physical_limit import Optimal, bound, limit, limit_details
 from swarm.optimal.problem import problem_of
 from swarm.physics.fields import LinearField
@@ -20,7 +19,6 @@ from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.policies.strategies import Greedy, Random, Swinging
 from swarm.population.contest import population_test
-from tests.reference import array, to_numpy
 
 WORLDS = {
     "as it is": {},
@@ -32,18 +30,6 @@ WORLDS = {
     "varying speed": {"varying_speed": True, "life": 0.75},
     "a cut interval alone": {"life": 0.05},
 }
-
-
-@pytest.fixture(autouse=True)
-def _own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv(store.CACHE, str(tmp_path / "cache"))
-
-
-@pytest.fixture
-def coarse(monkeypatch):
-    """Spheres that are computed in a moment."""
-    monkeypatch.setattr(optimal, "SPHERES", (12, 16, 32))
-    monkeypatch.setattr(optimal, "POLICY_SPHERE", 24)
 
 
 def screws(world, time):
@@ -190,46 +176,3 @@ def test_where_there_is_no_room_for_all_times_tables_are_read_between_them(monke
     thin = HelicalTables.compute(problem, 12)
     assert len(thin.splines) < 0.27 * len(whole.splines)
     assert thin.ahead(pose, left) == pytest.approx(whole.ahead(pose, left), abs=0.05)
-
-
-def test_actions_in_space_are_the_same_on_any_array_library_and_with_any_leading_axes(coarse, xp):
-    world = World.in_space(life=2.0)
-    starts = draw_starts(world, 12, 0)
-    state = world.start(*starts)
-    folded = world.start(*(array(xp, part.reshape(3, 4, *part.shape[1:])) for part in starts))
-    policy = Optimal(world)
-    for _ in range(3):
-        action, again = policy.act(world, state), policy.act(world, folded)
-        assert to_numpy(again).reshape(-1).tolist() == action.tolist()
-        state, _ = world.step(state, action)
-        folded, _ = world.step(folded, again)
-
-
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        ({"field": "radial"}, "a linear field"),
-        ({"concentration_noise": 0.1}, "no perturbations"),
-        ({"interval_rule": "exact", "varying_speed": True}, "share a tick"),
-    ],
-    ids=lambda value: "" if isinstance(value, str) else ", ".join(value),
-)
-def test_where_there_is_no_limit_in_space_the_policy_says_why(options, why):
-    world = World.in_space(**options)
-    assert limit(world, draw_starts(world, 3, 0)) is None
-    with pytest.raises(ValueError, match=why):
-        Optimal(world)
-
-
-def test_the_limit_in_space_is_computed_once(coarse, monkeypatch, tmp_path):
-    world = World.in_space(life=1.0)
-    starts = draw_starts(world, 5, 0)
-    problem = problem_of(world)
-    first = store.tables.__wrapped__(HelicalLimit, problem, optimal.SPHERES)
-    (path,) = (tmp_path / "cache").glob("space_limit_*.safetensors")
-    assert path.stat().st_size < 1e6
-    monkeypatch.setattr(HelicalLimit, "compute", None)
-    again = store.tables.__wrapped__(HelicalLimit, problem, optimal.SPHERES)
-    pose = Pose(starts.position, starts.heading)
-    for name, values in first.bounds(pose).items():
-        assert again.bounds(pose)[name] == pytest.approx(values, abs=0)

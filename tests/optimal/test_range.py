@@ -67,12 +67,3 @@ def test_greedy_takes_the_curvatures_that_it_takes_in_a_discrete_world():
         for world in (World(), World(action="continuous"))
     ]
     np.testing.assert_allclose(*(found["curvature"].values for found in tables), atol=1e-6)
-
-
-def test_in_vortices_there_is_none_and_optimal_says_why():
-    world = World(action="continuous", flow="taylor_green")
-    assert limit(world, draw_starts(world, 3, 0)) is None
-    with pytest.raises(
-        ValueError, match="Optimal needs still water where curvatures are chosen from a range"
-    ):
-        Optimal(world)

@@ -16,7 +16,7 @@ from swarm.physics.fields import (
     RadialField,
 )
 from swarm.physics.world import World, rules
-from tests.reference import array, to_numpy
+from tests.reference import array, slopes_of, to_numpy
 
 FIELDS = [
     LinearField(),
@@ -29,21 +29,10 @@ FIELDS = [
     DiffusingSource(gradient_scale=0.1, distance=5.0, core=2.0, offset=7.0, egg_position=(1.0, 1.0)),
     FunctionField(lambda r: 3.0 * r[..., 0] + 1.0, gradient_scale=3.0, max_gradient=3.0),
 ]
+each_field = pytest.mark.parametrize("field", FIELDS, ids=lambda field: type(field).__name__)
 
 
-def gradient(field, position, step=1e-5):
-    """Gradient (..., 2) by central differences."""
-    shifts = step * np.eye(2)
-    return np.stack(
-        [
-            (field.concentration(position + s) - field.concentration(position - s)) / (2 * step)
-            for s in shifts
-        ],
-        axis=-1,
-    )
-
-
-@pytest.mark.parametrize("field", FIELDS, ids=lambda field: type(field).__name__)
+@each_field
 def test_a_field_keeps_the_shape_and_dtype_of_positions(xp, field):
     assert isinstance(field, Field)
     for dtype in (xp.float32, xp.float64):
@@ -53,27 +42,31 @@ def test_a_field_keeps_the_shape_and_dtype_of_positions(xp, field):
             assert concentration.dtype == dtype
 
 
-@pytest.mark.parametrize("field", FIELDS, ids=lambda field: type(field).__name__)
+@each_field
 def test_no_gradient_is_steeper_than_the_stated_bound(field):
     places = np.random.default_rng(0).normal(0, 10, (4000, 2))
-    steepest = np.linalg.norm(gradient(field, places), axis=-1).max()
+    steepest = np.linalg.norm(slopes_of(field.concentration, places), axis=-1).max()
     assert steepest <= field.max_gradient * (1 + 1e-6)
     assert steepest > 0.7 * field.max_gradient
 
 
-def test_the_linear_field_rises_along_y(xp):
-    c = LinearField(gradient_scale=2.0, offset=3.0).concentration(array(xp, [[5.0, 0.0], [-1.0, 2.0]]))
-    np.testing.assert_array_equal(to_numpy(c), [3.0, 7.0])
-
-
-def test_the_radial_field_falls_with_the_distance(xp):
-    c = RadialField(gradient_scale=2.0, offset=30.0).concentration(array(xp, [[3.0, 4.0], [0.0, 0.0]]))
-    np.testing.assert_allclose(to_numpy(c), [20.0, 30.0], rtol=1e-15)
+@pytest.mark.parametrize(
+    ("field", "places", "expected"),
+    [
+        (LinearField(gradient_scale=2.0, offset=3.0), [[5.0, 0.0], [-1.0, 2.0]], [3.0, 7.0]),
+        (RadialField(gradient_scale=2.0, offset=30.0), [[3.0, 4.0], [0.0, 0.0]], [20.0, 30.0]),
+        (FunctionField(lambda r: r[..., 0] ** 2, gradient_scale=1.0), [[3.0, 1.0]], [9.0]),
+    ],
+)
+def test_simple_fields_are_as_they_are_written(xp, field, places, expected):
+    np.testing.assert_allclose(to_numpy(field.concentration(array(xp, places))), expected, rtol=1e-15)
 
 
 def test_the_gaussian_plume_is_steepest_at_its_width():
     field = GaussianPlume(gradient_scale=2.0, width=3.0, egg_position=(1.0, 2.0))
-    at_width = gradient(field, np.array([[1.0 + 3.0 / math.sqrt(2), 2.0 - 3.0 / math.sqrt(2)]]))
+    at_width = slopes_of(
+        field.concentration, np.array([[1.0 + 3.0 / math.sqrt(2), 2.0 - 3.0 / math.sqrt(2)]])
+    )
     np.testing.assert_allclose(np.linalg.norm(at_width), 2.0, rtol=1e-9)
     np.testing.assert_allclose(field.concentration(np.array([1.0, 2.0])), field.amplitude)
     np.testing.assert_allclose(field.concentration(np.array([100.0, 100.0])), field.offset, atol=1e-12)
@@ -81,17 +74,12 @@ def test_the_gaussian_plume_is_steepest_at_its_width():
 
 def test_the_diffusing_source_has_its_typical_gradient_at_the_stated_distance():
     field = DiffusingSource(gradient_scale=0.7, distance=6.0, core=1.5, offset=2.0, egg_position=(1.0, 0.0))
-    np.testing.assert_allclose(gradient(field, np.array([[1.0, 6.0]])), [[0.0, -0.7]], atol=1e-8)
+    np.testing.assert_allclose(
+        slopes_of(field.concentration, np.array([[1.0, 6.0]])), [[0.0, -0.7]], atol=1e-8
+    )
     # far away c − c₀ = s/r, which solves the diffusion equation in three dimensions
     far = field.concentration(np.array([[1001.0, 0.0], [2001.0, 0.0]])) - 2.0
     np.testing.assert_allclose(far[0] / far[1], 2.0, rtol=1e-5)
-
-
-def test_a_plain_function_is_a_field():
-    field = FunctionField(lambda r: r[..., 0] ** 2, gradient_scale=1.0)
-    np.testing.assert_array_equal(field.concentration(np.array([[3.0, 1.0]])), [9.0])
-    assert field.max_gradient is None
-    assert field.egg_radius is None
 
 
 @pytest.mark.parametrize("value", [1.0, (1.0,), (1.0, 2.0, 3.0, 4.0), (1.0, math.inf), ("x", "y"), None])

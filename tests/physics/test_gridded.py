@@ -13,14 +13,17 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import swarm
+from benchmarks.exact_space import place_and_frame
+from benchmarks.exact_space import reference as reference_in_space
 from swarm.physics.fields import FIELDS, GaussianPlume, GriddedField, LinearField
-from swarm.physics.flows import FLOWS, GriddedFlow, TaylorGreen, Vortex
+from swarm.physics.flows import FLOWS, ABCFlow, GriddedFlow, TaylorGreen, Vortex
 from swarm.physics.grids import grid as grids
 from swarm.physics.grids.netcdf import checksum, located
-from swarm.physics.motion.collocation import swim
+from swarm.physics.motion.collocation import TOLERANCE, swim
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
-from tests.reference import array, place_and_heading, pose, reference, to_numpy
+from tests.reference import array, place_and_heading, pose, reference, slopes_of, to_numpy
 
 PLUME = GaussianPlume(gradient_scale=2.0, width=4.0, offset=1.0, egg_position=(3.0, -1.0))
 FLOW = TaylorGreen(speed_scale=0.3, wavenumber=np.pi / 5)
@@ -92,17 +95,6 @@ def test_a_sampled_taylor_green_flow_converges(
     assert np.all(measured[:, 1] > spin_order - 0.3)
 
 
-@pytest.mark.parametrize("edges", EDGES)
-@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
-def test_at_the_grid_points_the_values_are_the_data(xp, edges, interpolation):
-    data = sampled(FLOW, *places_of(12, edges))
-    flow = GriddedFlow(data, edges=edges, interpolation=interpolation)
-    positions = np.stack(np.meshgrid(data.x, data.y, indexing="ij"), axis=-1)
-    velocity = to_numpy(flow.velocity(array(xp, positions)))
-    np.testing.assert_allclose(velocity[..., 0], data.u_x, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(velocity[..., 1], data.u_y, rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 def test_a_linear_field_is_reproduced_exactly(xp, places, interpolation):
     # its gradient is 1 unit of concentration per unit of length everywhere, and so is what is measured
@@ -115,9 +107,8 @@ def test_a_linear_field_is_reproduced_exactly(xp, places, interpolation):
 
 def test_cubic_spin_is_half_the_vorticity_of_the_interpolant(places):
     flow = on_grid(FLOW, 12, "periodic")
-    step = 1e-5
-    dx, dy = ((flow.velocity(places + s) - flow.velocity(places - s)) / (2 * step) for s in step * np.eye(2))
-    np.testing.assert_allclose(flow.spin(places), 0.5 * (dx[:, 1] - dy[:, 0]), rtol=0, atol=1e-9)
+    slope = slopes_of(flow.velocity, places)
+    np.testing.assert_allclose(flow.spin(places), 0.5 * (slope[:, 1, 0] - slope[:, 0, 1]), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
@@ -134,28 +125,16 @@ def test_periodic_data_repeat_in_both_directions(xp, places, interpolation):
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 def test_beyond_a_clamped_edge_the_value_at_the_edge_goes_on(xp, interpolation):
     field = on_grid(PLUME, 10, "clamped", interpolation=interpolation)
+    known = np.stack(
+        np.meshgrid(*places_of(10, "clamped"), indexing="ij"), axis=-1
+    )  # at grid points: the data
+    found = to_numpy(field.concentration(array(xp, known)))
+    np.testing.assert_allclose(found, PLUME.concentration(known), rtol=0, atol=1e-13)
     outside = array(xp, [[-1.0, 4.0], [11.0, 4.0], [4.0, -5.0], [12.0, 13.0]])
     edge = array(xp, [[0.0, 4.0], [10.0, 4.0], [4.0, 0.0], [10.0, 10.0]])
     np.testing.assert_array_equal(to_numpy(field.concentration(outside)), to_numpy(field.concentration(edge)))
     np.testing.assert_array_equal(to_numpy(field.inside(outside)), [False] * 4)
     np.testing.assert_array_equal(to_numpy(field.inside(edge)), [True] * 4)
-
-
-def test_a_cell_that_leaves_a_clamped_grid_is_truncated(xp):
-    field = on_grid(LinearField(), 5, "clamped", size=(2.0, 2.0))
-    world = World(field=field)
-    assert world.box == ((0.0, 2.0), (0.0, 2.0))
-    position, heading, past = draw_starts(world, 40, 0)
-    state = world.start(array(xp, position), array(xp, heading), array(xp, past, xp.int64))
-    left = np.zeros(40, bool)
-    for turn in range(20):
-        before, over = to_numpy(state.position), left
-        state, outcome = world.step(state, array(xp, np.full(40, turn % 2), xp.int64))
-        left = over | to_numpy(outcome.truncated)
-        np.testing.assert_array_equal(np.all(to_numpy(state.position) == before, axis=-1), left)
-        assert np.all(to_numpy(field.inside(state.position)))
-        np.testing.assert_array_equal(to_numpy(state.finished), left)
-    assert 0 < left.sum() < 40
 
 
 def test_a_start_outside_a_clamped_grid_is_an_error_and_on_a_periodic_one_it_is_not(xp):
@@ -188,19 +167,11 @@ def test_every_library_and_dtype_interpolates_alike(xp, places, dtype, interpola
     velocity, spin = flow.velocity(position), flow.spin(position)
     assert velocity.dtype == spin.dtype == getattr(xp, dtype)
     tolerance = 1e-13 if dtype == "float64" else 2e-6
+    np.testing.assert_array_equal(flow.velocity(places[7:8])[0], flow.velocity(places)[7])  # one like many
     np.testing.assert_allclose(
         to_numpy(velocity).reshape(-1, 2), flow.velocity(places), rtol=0, atol=tolerance
     )
     np.testing.assert_allclose(to_numpy(spin).ravel(), flow.spin(places), rtol=0, atol=tolerance * 10)
-
-
-@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
-def test_one_place_is_interpolated_like_many(places, interpolation):
-    flow = on_grid(FLOW, 9, "periodic", interpolation=interpolation)
-    for part in (flow.velocity, flow.spin):
-        many = part(places)
-        for i in (0, 7, 1999):
-            np.testing.assert_array_equal(part(places[i : i + 1])[0], many[i])
 
 
 @pytest.mark.parametrize("edges", EDGES)
@@ -214,12 +185,8 @@ def test_bounds_hold_everywhere(edges, interpolation):
     )
     field = GriddedField(data, edges=edges, interpolation=interpolation, variable="c")
     places = rng.uniform(-2, 12, (20_000, 2))
-    step = 1e-6
-    slopes = [
-        (field.concentration(places + s) - field.concentration(places - s)) / (2 * step)
-        for s in step * np.eye(2)
-    ]
-    assert np.hypot(*slopes).max() <= field.max_gradient * (1 + 1e-6)
+    slopes = slopes_of(field.concentration, places, 1e-6)
+    assert np.linalg.norm(slopes, axis=-1).max() <= field.max_gradient * (1 + 1e-6)
     for spin in (None, "spin"):
         flow = GriddedFlow(data, edges=edges, interpolation=interpolation, spin=spin)
         assert np.linalg.norm(flow.velocity(places), axis=-1).max() <= flow.max_speed
@@ -229,9 +196,8 @@ def test_bounds_hold_everywhere(edges, interpolation):
 def test_scales_are_measured_or_given():
     measured = on_grid(PLUME, 40, "clamped").gradient_scale
     dense = np.stack(np.meshgrid(*places_of(200, "clamped"), indexing="ij"), axis=-1)
-    offset = 1e-5 * np.eye(2)
-    slopes = [(PLUME.concentration(dense + s) - PLUME.concentration(dense - s)) / 2e-5 for s in offset]
-    assert measured == pytest.approx(np.sqrt(np.mean(slopes[0] ** 2 + slopes[1] ** 2)), rel=0.02)
+    squares = np.sum(slopes_of(PLUME.concentration, dense) ** 2, axis=-1)
+    assert measured == pytest.approx(np.sqrt(np.mean(squares)), rel=0.02)
     with pytest.warns(UserWarning, match=f"{measured:.3g} over the grid, got 7"):
         assert on_grid(PLUME, 40, "clamped", gradient_scale=7).gradient_scale == 7.0
     assert on_grid(PLUME, 40, "clamped", gradient_scale=1.9 * measured).gradient_scale == 1.9 * measured
@@ -249,30 +215,6 @@ def test_gridded_parts_can_be_pickled_and_shown():
     np.testing.assert_array_equal(again.concentration(np.ones((1, 2))), field.concentration(np.ones((1, 2))))
     assert "9 × 9 points" in repr(again)
     assert "clamped" in repr(World(field=again))
-
-
-def test_axes_may_come_in_any_order_and_run_downwards(places):
-    data = sampled(PLUME, *places_of(12, "clamped"))
-    usual = GriddedField(data, edges="clamped").concentration(places)
-    down = [data.sortby(axis, ascending=False) for axis in ("x", "y")]
-    for other in (data.transpose("y", "x"), *down, data["c"]):
-        field = GriddedField(other, edges="clamped")
-        np.testing.assert_allclose(field.concentration(places), usual, rtol=0, atol=1e-12)
-
-
-def test_coordinates_in_single_precision_are_regular():
-    data = sampled(LinearField(), *places_of(100, "clamped", low=(1000.0, 0.0)))
-    field = GriddedField(data.assign_coords(x=data.x.astype("float32")), edges="clamped")
-    assert field.box[0] == pytest.approx((1000.0, 1010.0), rel=1e-6)
-
-
-def test_packed_values_in_a_file_are_unpacked(tmp_path):
-    data = sampled(PLUME, *places_of(10, "clamped"))
-    packed = {"dtype": "int16", "scale_factor": 1e-3, "add_offset": 10.0, "_FillValue": -32768, "zlib": True}
-    data.to_netcdf(tmp_path / "data.nc", engine="h5netcdf", encoding={"c": packed})
-    field = GriddedField(tmp_path / "data.nc", edges="clamped")
-    positions = np.stack(np.meshgrid(data.x, data.y, indexing="ij"), axis=-1)
-    np.testing.assert_allclose(field.concentration(positions), data.c, rtol=0, atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -299,13 +241,6 @@ def test_what_describes_data_of_a_file_makes_them_again(tmp_path, places, part, 
         file.write(b"!")
     with pytest.raises(ValueError, match=f"data must be the file {path} with SHA-256 {told['sha256']}, got"):
         registry.make(told)
-
-
-def test_data_in_memory_are_described_but_cannot_be_made_again():
-    told = FIELDS.describe(on_grid(PLUME, 8, "clamped"))
-    assert (told["path"], len(told["sha256"]), told["shape"]) == (None, 64, [9, 9])
-    with pytest.raises(TypeError, match=r"data must be an xarray Dataset or DataArray, .* got None"):
-        FIELDS.make(told)
 
 
 def test_a_file_is_found_again_by_its_checksum(tmp_path):
@@ -360,37 +295,12 @@ def with_x(places):
         (grid().isel(x=slice(3)), {}, "x must have at least 4 points for cubic interpolation, got 3"),
         (grid().isel(y=slice(1)), {"interpolation": "linear"}, "y must have at least 2 points for linear"),
         (np.zeros((3, 3)), {}, "data must be an xarray Dataset or DataArray, or the path .* got ndarray"),
+        (None, {}, "data must be an xarray Dataset or DataArray, or the path .* got None"),
     ],
 )
 def test_wrong_data_are_errors_that_name_the_variable_the_rule_and_the_value(data, options, message):
     with pytest.raises((TypeError, ValueError), match=message):
         GriddedField(data, **{"edges": "clamped", **options})
-
-
-def test_a_period_that_states_its_first_line_twice_is_an_error():
-    data = sampled(FLOW, *places_of(20, "clamped"))  # from 0 to 10, both ends included
-    GriddedFlow(data, edges="clamped")
-    with pytest.raises(ValueError, match="x of a periodic grid must end one spacing before its period"):
-        GriddedFlow(data, edges="periodic")
-    with pytest.raises(ValueError, match="y of a periodic grid must end one spacing before its period"):
-        GriddedFlow(data.isel(x=slice(-1)), edges="periodic")
-    GriddedFlow(data.isel(x=slice(-1), y=slice(-1)), edges="periodic")
-
-
-def test_a_flow_needs_two_variables_of_velocity():
-    data = sampled(FLOW, *places_of(8, "periodic"))
-    with pytest.raises(
-        ValueError, match=r"variable must be one of spin, u_x, u_y, got 'v_y'; did you mean 'u_y'"
-    ):
-        GriddedFlow(data, edges="periodic", velocity=("u_x", "v_y"))
-    with pytest.raises(
-        ValueError, match="velocity must be the names of two variables, or three in space, got 'u_x'"
-    ):
-        GriddedFlow(data, edges="periodic", velocity="u_x")
-    with pytest.raises(TypeError, match="data must be a Dataset with u_x, u_y, got a DataArray"):
-        GriddedFlow(data["u_x"], edges="periodic")
-    with pytest.raises(ValueError, match=r"speed_scale must be a finite number above 0, got 0\.0"):
-        GriddedFlow(data * 0, edges="periodic")
 
 
 def test_a_flow_that_does_not_spin_is_sensed_as_such():
@@ -406,60 +316,13 @@ def test_a_flow_that_does_not_spin_is_sensed_as_such():
     World(flow=GriddedFlow(strain, edges="clamped", spin_scale=0.01), sense_flow=True)
 
 
-UNITS = {"x": "mm", "y": "mm", "u_x": "mm/s", "u_y": "mm s-1", "spin": "rad/s"}
-
-
-def with_units(**changes):
-    data = sampled(FLOW, *places_of(8, "periodic"))
-    for name, unit in {**UNITS, **changes}.items():
-        data[name].attrs["units"] = unit
-    return data
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"y": "m"}, "x and y must have the same units, got 'mm' and 'm'"),
-        ({"u_y": "m/s"}, "u_x and u_y must have the same units, got 'mm/s' and 'm/s'"),
-        ({"u_x": "m/s", "u_y": "m/s"}, "u_x must be in mm per time like x and y, got 'm/s'"),
-        ({"u_x": "m s^-1", "u_y": "m s^-1"}, r"u_x must be in mm per time like x and y, got 'm s\^-1'"),
-        ({"spin": "deg/s"}, "spin must be in radians per time, got 'deg/s'"),
-        ({"spin": "rad/min"}, "spin must be in radians per s like u_x, got 'rad/min'"),
-    ],
-)
-def test_units_that_contradict_each_other_are_errors(changes, message):
-    changes = {"u_y": "mm/s", **changes}
-    with pytest.raises(ValueError, match=message):
-        GriddedFlow(with_units(**changes), edges="periodic", spin="spin")
-
-
-def test_units_that_agree_are_fine():
-    for unit in ("mm/s", "mm s-1", "mm s^-1", "mm s**-1", "mm.s-1", "mm / s", "whatever"):
-        for spin in ("rad/s", "s-1", "1/s", "rad s-1"):
-            flow = GriddedFlow(with_units(u_x=unit, u_y=unit, spin=spin), edges="periodic", spin="spin")
-            assert flow.length_unit == "mm"
-
-
-def test_a_field_and_a_flow_in_different_units_of_length_are_an_error():
-    field_data = sampled(PLUME, *places_of(8, "clamped"))
-    for axis in "xy":
-        field_data[axis].attrs["units"] = "m"
-    field = GriddedField(field_data, edges="clamped")
-    flow = GriddedFlow(with_units(u_y="mm/s"), edges="periodic")
-    with pytest.raises(ValueError, match=r"field and flow must .* the same unit, got \['m', 'mm'\]"):
-        World(field=field, flow=flow)
-    World(field=field, flow="taylor_green")
-    for axis in "xy":
-        field_data[axis].attrs["units"] = "mm"
-    World(field=GriddedField(field_data, edges="clamped"), flow=flow)
-
-
 def with_c(path, shape=(7, 7), dtype="f8", *, x=None, **options):
     """A file of a variable c, of which no number need be stored."""
     with h5py.File(path, "w") as file:
-        file.create_dataset("x", (shape[0] if x is None else x,), "f8", chunks=(2,))
-        file.create_dataset("y", (shape[1],), "f8", chunks=(2,))
-        file.create_dataset("c", shape, dtype, **options)
+        variable = file.create_dataset("c", shape, dtype, **options)
+        for axis, length in enumerate((shape[0] if x is None else x, shape[1])):
+            file.create_dataset("xy"[axis], (length,), "f8", chunks=(2,)).make_scale("xy"[axis])
+            variable.dims[axis].attach_scale(file["xy"[axis]])
 
 
 def elsewhere(path):
@@ -501,8 +364,8 @@ HOSTILE = {
     "text": (lambda path: with_c(path, dtype=h5py.string_dtype()), "c must hold real numbers, got object"),
     **{f"cut {length}": (partial(cut, length=length), r"my\.nc must be a") for length in (0, 8, 3000)},
     "nowhere": (lambda path: None, r"data must be a file that exists, got .*my\.nc"),
-    "folder": (Path.mkdir, "data must be an ordinary file"),
-    "pipe": (os.mkfifo, "data must be an ordinary file"),
+    "folder": (Path.mkdir, "must be an ordinary file"),
+    "pipe": (os.mkfifo, "must be an ordinary file"),
     "csv": (
         lambda path: path.write_text("x,y,c"),
         r"my\.nc must be a NetCDF-4 file; open others with xarray",
@@ -544,3 +407,123 @@ def test_bytes_flipped_in_a_file_never_raise_anything_but_clear_errors(tmp_path)
         path.write_bytes(broken)
         with contextlib.suppress(TypeError, ValueError):
             GriddedField(path, edges="clamped")
+
+
+# --- in space ---
+
+
+def sampled_in_space(points, edges, **quantities):
+    """Functions of positions on a regular grid of so many points a side over one period of `WAVES`."""
+    along = np.linspace(0.0, WAVES.period, points + (edges == "clamped"), endpoint=edges == "clamped")
+    place = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1)
+    over = {name: (("x", "y", "z"), function(place)) for name, function in quantities.items()}
+    return xr.Dataset(over, dict.fromkeys(("x", "y", "z"), along))
+
+
+WAVES = ABCFlow((0.3, 0.2, 0.1), 1.0)
+U = {f"u_{axis}": lambda r, i=i: WAVES.velocity(r)[..., i] for i, axis in enumerate("xyz")}
+
+
+@pytest.mark.parametrize("edges", ["periodic", "clamped"])
+def test_a_flow_on_a_grid_in_space_is_what_it_samples(xp, edges):
+    errors = []
+    for points in (12, 24):
+        flow = GriddedFlow(sampled_in_space(points, edges, **U), edges=edges, velocity=tuple(U))
+        place = np.random.default_rng(0).uniform(0, WAVES.period, (300, 3))
+        velocity, vorticity = (to_numpy(each(array(xp, place))) for each in (flow.velocity, flow.vorticity))
+        differences = velocity - WAVES.velocity(place), vorticity - WAVES.vorticity(place)
+        errors.append([np.abs(each).max() for each in differences])
+    orders = np.log2(np.divide(*errors))
+    assert (orders > [3.4, 2.4]).all(), (orders, errors)  # of fourth and of third order
+    assert np.linalg.norm(vorticity, axis=-1).max() <= 2 * flow.max_spin
+    assert flow.speed_scale <= flow.max_speed <= 1.2 * WAVES.max_speed
+    assert (flow.inside is None) == (edges == "periodic")
+
+
+def test_a_flow_on_a_grid_in_space_is_swum_within_tolerance():
+    flow = GriddedFlow(sampled_in_space(8, "periodic", **U), edges="periodic", velocity=tuple(U))
+    world = World.in_space(flow=flow, life=1.0)
+    state = world.start(*draw_starts(world, 6, 0))
+    after, _ = world.step(state, np.zeros(6, int))
+    expected = reference_in_space(state.pose, 5.5, 7.7, 2.0, world.intervals[0], flow)
+    np.testing.assert_allclose(place_and_frame(after), expected, rtol=0, atol=TOLERANCE)
+    assert world.box == ((0.0, pytest.approx(WAVES.period)),) * 3
+
+
+def test_vorticity_on_a_grid_is_taken_as_given_or_found_by_differences():
+    given = {f"w_{axis}": lambda r, i=i: 2 * WAVES.velocity(r)[..., i] for i, axis in enumerate("xyz")}
+    options = {"edges": "periodic", "interpolation": "linear", "velocity": tuple(U)}
+    place = WAVES.period / 16 * np.random.default_rng(1).integers(16, size=(40, 3))  # points of the grid
+    flow = GriddedFlow(sampled_in_space(16, "periodic", **U | given), vorticity=tuple(given), **options)
+    np.testing.assert_allclose(flow.vorticity(place), 2 * WAVES.velocity(place), atol=1e-12)
+    found = GriddedFlow(sampled_in_space(16, "periodic", **U), **options).vorticity(place)
+    np.testing.assert_allclose(found, WAVES.vorticity(place), atol=0.02)
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
+def test_a_field_on_a_grid_in_space_comes_from_a_file_and_ends_at_its_edges(tmp_path, interpolation):
+    egg = {"egg_position": (3.0, 3.0, 3.0), "egg_radius": 0.5}
+    path, plume = tmp_path / "plume.nc", GaussianPlume(width=2.0, **egg)
+    sampled_in_space(16, "clamped", c=plume.concentration).to_netcdf(path, engine="h5netcdf")
+    field = {"type": "gridded", "path": str(path), "edges": "clamped", "interpolation": interpolation, **egg}
+    world = World.in_space(field=field, life=2.0)
+    place = np.random.default_rng(0).uniform(1, 5, (50, 3))
+    allowed = {"linear": 0.06, "cubic": 2e-3}[interpolation]
+    np.testing.assert_allclose(world.field.concentration(place), plume.concentration(place), atol=allowed)
+    assert np.array_equal(world.field.inside(place + 9.0), np.zeros(50, bool))
+    policies = {"greedy": swarm.Greedy()}
+    gain = swarm.population_test(world, policies, cells=12, limit=False)["gain"].values
+    assert np.isfinite(gain).all()
+    assert World(**world.described()).described() == world.described()
+    data = sampled_in_space(5, "clamped", c=plume.concentration)
+    arrays = {name: each.values for name, each in data.variables.items()}
+    bare = GriddedField(arrays, edges="clamped", interpolation=interpolation)
+    np.testing.assert_allclose(bare.concentration(np.zeros((1, 3))), plume.concentration(np.zeros((1, 3))))
+
+
+PLANE, SPACE = sampled(FLOW, *places_of(8, "periodic")), sampled_in_space(5, "periodic", **U)
+
+
+@pytest.mark.parametrize(
+    ("data", "parameters", "message"),
+    [
+        (
+            PLANE,
+            {"velocity": ("u_x", "v_y")},
+            "variable must be one of spin, u_x, u_y, got 'v_y'; did you mean",
+        ),
+        (
+            PLANE,
+            {"velocity": "u_x"},
+            "velocity must be the names of two variables, or three in space, got 'u_x'",
+        ),
+        (PLANE["u_x"], {}, "data must be a Dataset with u_x, u_y, got a DataArray"),
+        (PLANE * 0, {}, r"speed_scale must be a finite number above 0, got 0\.0"),
+        (SPACE, {}, r"velocity must be the names of 3 variables, got \('u_x', 'u_y'\)"),
+        (SPACE, {"velocity": tuple(U), "spin": "u_x"}, "spin must be None in space"),
+        (SPACE, {"velocity": tuple(U), "vorticity": ("u_x",)}, "vorticity must be the names of three"),
+        (
+            SPACE,
+            {"velocity": tuple(U), "edges": ("periodic", "clamped")},
+            "edges must be given once, or for x and",
+        ),
+    ],
+)
+def test_a_flow_on_a_grid_must_be_whole(data, parameters, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        GriddedFlow(data, **{"edges": "periodic", **parameters})
+
+
+def test_a_grid_in_space_is_none_of_the_plane():
+    field = GriddedField(sampled_in_space(5, "clamped", c=lambda r: r[..., 0]), edges="clamped")
+    with pytest.raises(ValueError, match="field must be one in the plane"):
+        World(field=field)
+
+
+def test_a_grid_in_space_may_change():
+    data = sampled_in_space(5, "clamped", c=lambda r: r[..., 2])
+    data = xr.concat([data, 2 * data], xr.Variable("time", [0.0, 10.0]), data_vars="all")
+    field = GriddedField(data, edges="clamped", outside_time="held")
+    place = np.random.default_rng(0).uniform(0, 6, (9, 3))
+    np.testing.assert_allclose(field.at(5.0).concentration(place), 1.5 * place[:, 2], atol=1e-12)
+    assert field.max_rate == pytest.approx(WAVES.period / 10)

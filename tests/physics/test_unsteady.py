@@ -10,13 +10,19 @@ from scipy import integrate, linalg, special
 import swarm
 from swarm.physics.fields import Field
 from swarm.physics.fields.special import erfc, exponential_integral, scaled_erfc
-from swarm.physics.flows import Flow
 from tests.reference import array, to_numpy
 
 D = 0.3
 SHEAR, STRAIN, TURN = ((0.0, 0.4), (0.0, 0.0)), ((0.1, 0.2), (0.2, -0.1)), ((0.0, -0.5), (0.5, 0.0))
 ELLIPSES, NEARLY_SHEAR = ((0.1, -0.5), (0.2, -0.1)), ((1e-6, 0.4), (-1e-9, -1e-6))
-LINEAR = {"shear": SHEAR, "strain": STRAIN, "turn": TURN, "ellipses": ELLIPSES, "nearly": NEARLY_SHEAR}
+LINEAR = {
+    "still": ((0.0, 0.0), (0.0, 0.0)),
+    "shear": SHEAR,
+    "strain": STRAIN,
+    "turn": TURN,
+    "ellipses": ELLIPSES,
+    "nearly": NEARLY_SHEAR,
+}
 FIELDS = {
     **{f"released_{d}": swarm.ReleasedSource(2.0, D, dimensions=d, offset=1.0) for d in (2, 3)},
     **{f"releasing_{d}": swarm.ReleasingSource(2.0, D, dimensions=d, core=0.5) for d in (2, 3)},
@@ -81,12 +87,8 @@ def test_special_functions_are_scipys(xp, dtype, tolerance):
         # in single precision e^{−x²} cannot be better than its exponent
         bound = tolerance * (1 if dtype == "float64" else 1 + at**2)
         assert (np.abs(to_numpy(found) / exact - 1) <= bound).all()
-
-
-def test_special_functions_end_at_infinity():
     far = np.array([1e3, np.inf])
-    np.testing.assert_array_equal([exponential_integral(far), erfc(far)], 0)
-    np.testing.assert_allclose(erfc(-far), 2)
+    np.testing.assert_array_equal([exponential_integral(far), erfc(far), erfc(-far) - 2], 0)
 
 
 # --- sources ----------------------------------------------------------------------------------------------
@@ -105,20 +107,6 @@ def test_a_releasing_source_is_the_integral_of_all_that_it_released(d, distance)
     assert found == pytest.approx(exact, rel=1e-9)
 
 
-def test_outside_the_core_sources_are_those_of_a_point(xp):
-    r = np.array([[3.0, 0.0], [0.0, 4.0], [-6.0, 8.0]])
-    distance, spread = np.hypot(*r.T), 4 * D * 30.0
-    film = 2 / (4 * math.pi * D) * special.exp1(distance**2 / spread)
-    bulk = 2 / (4 * math.pi * D * distance) * special.erfc(distance / math.sqrt(spread))
-    moving = 2 / (4 * math.pi * D * distance) * np.exp(-0.3 * (distance + r[:, 0]) / (2 * D))
-    here = array(xp, r)
-    for name, exact in (("releasing_2", film), ("releasing_3", bulk)):
-        found = FIELDS[name].at(20.0).concentration(here)
-        np.testing.assert_allclose(to_numpy(found), exact, rtol=1e-7)
-    found = FIELDS["moving"].at(20.0).concentration(here + array(xp, [-1.0 + 0.3 * 20, 0.2]))
-    np.testing.assert_allclose(to_numpy(found), moving, rtol=1e-7)
-
-
 @pytest.mark.parametrize("velocity", [(0.0, 0.0), (0.3, -0.4), (30.0, 0.0)])
 def test_a_moving_source_is_the_integral_of_all_that_it_released(places, velocity):
     field = swarm.MovingSource(2.0, D, velocity=velocity, core=0.5)
@@ -132,27 +120,20 @@ def test_a_moving_source_is_the_integral_of_all_that_it_released(places, velocit
         assert field.concentration(np.array([x, y])) == pytest.approx(exact, rel=1e-7, abs=1e-30)
 
 
-def reference_covariance(gradient, ages):
-    """Σ (ages, 2, 2), by an adaptive Runge–Kutta method."""
-    a = np.array(gradient)
-
-    def change(_, sigma):
-        half = a @ sigma.reshape(2, 2)
-        return (half + half.T + 2 * D * np.eye(2)).ravel()
-
-    solved = integrate.solve_ivp(
-        change, (0, ages[-1]), np.zeros(4), method="DOP853", rtol=1e-12, atol=1e-12, t_eval=ages
-    )
-    return solved.y.T.reshape(-1, 2, 2)
+def exact_covariance(gradient, ages):
+    """Σ (ages, 2, 2), from one matrix exponential (Van Loan 1978)."""
+    a, still = np.array(gradient), np.zeros((2, 2))
+    both = linalg.expm(np.block([[-a, 2 * D * np.eye(2)], [still, a.T]]) * ages[:, None, None])
+    return np.swapaxes(both[:, 2:, 2:], 1, 2) @ both[:, :2, 2:]
 
 
 @pytest.mark.parametrize("name", LINEAR)
 def test_a_cloud_in_a_linear_flow_has_the_covariance_of_its_equation(xp, name):
     field, ages = FIELDS[f"at_once_{name}"], np.array([0.01, 0.5, 1.0, 2.3, 4.9, 25.0])
-    exact = reference_covariance(LINEAR[name], ages)
+    exact = exact_covariance(LINEAR[name], ages)
     xx, xy, yy = (to_numpy(each) for each in field.covariance(array(xp, ages)))
     np.testing.assert_allclose(
-        np.stack([xx, xy, yy]), exact[:, [0, 0, 1], [0, 1, 1]].T, rtol=1e-9, atol=1e-13
+        np.stack([xx, xy, yy]), exact[:, [0, 0, 1], [0, 1, 1]].T, rtol=1e-9, atol=1e-12
     )
     if name == "shear":
         shear = 2 * D * ages * (1 + (0.4 * ages) ** 2 / 3), 0.4 * D * ages**2, 2 * D * ages
@@ -170,9 +151,7 @@ def test_an_egg_in_a_linear_flow_is_the_integral_of_all_that_it_released(places,
     low, high = math.log(0.5**2 / (2 * D)), math.log(age)
     nodes, weights = np.polynomial.legendre.leggauss(600)
     ages, weights = np.exp(low + (high - low) * 0.5 * (nodes + 1)), weights * 0.5 * (high - low)
-    a, still = np.array(LINEAR[name]), np.zeros((2, 2))  # Van Loan 1978: Σ from one matrix exponential
-    both = linalg.expm(np.block([[-a, 2 * D * np.eye(2)], [still, a.T]]) * ages[:, None, None])
-    sigma = np.swapaxes(both[:, 2:, 2:], 1, 2) @ both[:, :2, 2:]
+    sigma = exact_covariance(LINEAR[name], ages)
     square = np.einsum("pi,sij,pj->ps", places, np.linalg.inv(sigma), places)
     density = 2.0 * ages * np.exp(-0.5 * square) / (2 * math.pi * np.sqrt(np.linalg.det(sigma)))
     for d, along in ((2, 1.0), (3, np.sqrt(4 * math.pi * D * ages))):
@@ -180,17 +159,6 @@ def test_an_egg_in_a_linear_flow_is_the_integral_of_all_that_it_released(places,
         exact = (density / along) @ weights
         found = field.at(age - 10).concentration(places)
         np.testing.assert_allclose(found, exact, rtol=tolerance, atol=0.1 * tolerance * exact.max())
-
-
-def test_in_still_water_a_sheared_source_is_a_releasing_or_released_one(places):
-    for d in (2, 3):
-        still = {"dimensions": d, "velocity_gradient": ((0, 0), (0, 0))}
-        found = swarm.ShearedSource(**still).at(50.0).concentration(places)
-        known = swarm.ReleasingSource(dimensions=d).at(50.0).concentration(places)
-        np.testing.assert_allclose(found, known, rtol=1e-8)
-        found = swarm.ShearedSource(release="at_once", **still).at(50.0).concentration(places)
-        known = swarm.ReleasedSource(dimensions=d).at(50.0).concentration(places)
-        np.testing.assert_allclose(found, known, rtol=1e-12)
 
 
 # of a sheared egg in bulk fluid the Laplacian does not follow from the plane
@@ -308,28 +276,15 @@ def test_the_most_strained_cloud_is_finite(xp, rate, release):
 
 
 @each_flow
-def test_a_flow_makes_no_water_and_spins_with_half_its_vorticity(xp, flow):
-    assert isinstance(flow.at(3.0), Flow)
+def test_a_flow_swings_as_fast_as_it_says(flow):
     (left, right), (low, high) = getattr(flow, "box", ((-9, 9), (-9, 9)))
-    rng = np.random.default_rng(0)
-    places = np.stack([rng.uniform(left, right, 400), rng.uniform(low, high, 400)], axis=-1)
-    places = places * 0.98 + 0.01 * np.array([left + right, low + high])  # differences need both sides
-    step, fastest = 2e-4 * (high - low), []
+    places = np.random.default_rng(0).uniform((left, low), (right, high), (400, 2))
+    fastest = []
     for time in (0.0, 1.7, 11.0):
-        frozen = flow.at(time)
-        slope = np.stack(
-            [slopes(lambda r, i=i, f=frozen: f.velocity(r)[..., i], places, step)[1] for i in (0, 1)]
-        )
-        np.testing.assert_allclose(slope[0, :, 0] + slope[1, :, 1], 0, rtol=0, atol=1e-9)
-        spin = to_numpy(frozen.spin(array(xp, places)))
-        np.testing.assert_allclose(spin, 0.5 * (slope[1, :, 0] - slope[0, :, 1]), rtol=0, atol=1e-9)
-        assert np.linalg.norm(frozen.velocity(places), axis=-1).max() <= flow.max_speed
-        assert np.abs(spin).max() <= flow.max_spin
-        assert np.abs(slope).max() <= getattr(flow, "max_shear", flow.max_spin) * (1 + 1e-9)
         changing = np.linalg.norm(rate(flow, "velocity", time, places), axis=-1)
         fastest.append(changing.max() / flow.max_speed)
         again = flow.at(time + 2 * math.pi / flow.frequency).velocity(places)
-        np.testing.assert_allclose(again, frozen.velocity(places), atol=1e-12)
+        np.testing.assert_allclose(again, flow.at(time).velocity(places), atol=1e-12)
     assert 0.2 * flow.max_frequency < max(fastest) <= flow.max_frequency
 
 
@@ -370,15 +325,6 @@ def test_the_double_gyre_is_the_published_one(xp):
 
 
 # --- parameters -------------------------------------------------------------------------------------------
-
-
-def test_cells_live_in_every_one_of_them_by_its_name():
-    for field in ("released_source", "releasing_source", "moving_source", "sheared_source"):
-        for flow in ("oscillating_taylor_green", {"type": "double_gyre", "size": 10}):
-            world = swarm.World(field=field, flow=flow, sense_flow=True, life=4)
-            state = world.start(*swarm.draw_starts(world, 3, seed=0))
-            state, outcome = world.step(state, np.array([0, 1, 0]))
-            assert np.isfinite(outcome.reward).all()
 
 
 @pytest.mark.parametrize(

@@ -105,10 +105,9 @@ def test_a_network_fits_a_sensor_of_the_parameters_that_its_card_tells(tmp_path)
     policy = load_policy(tmp_path / "seeing.safetensors")
     assert policy.sensor == sensor
     policy.check_fits(World(sensor=sensor))
-    words = (
-        r"memory_with_neighbours\(k=1, range=2.0\) in each.*memory_with_neighbours\(k=1, range=3.0\) in each"
-    )
-    with pytest.raises(PolicyError, match=words):
+    with pytest.raises(
+        PolicyError, match=r"neighbours\(k=1, range=2.0\) in each.*\(k=1, range=3.0\) in each"
+    ):
         policy.check_fits(World(sensor={**sensor, "range": 3}))
 
 
@@ -122,9 +121,7 @@ def test_a_network_fits_the_sensor_that_its_card_names():
     assert (make().sensor, make(20, 2, card={**CARD, "features": 5}).sensor) == ("memory", "memory_with_flow")
     with pytest.raises(PolicyError, match=r"12 numbers .*3 of compass in each.* world gives 8 .*2 of memory"):
         policy.check_fits(plain)
-    with pytest.raises(
-        PolicyError, match="must state the sensor of 3 features by name, or type and parameters, got None"
-    ):
+    with pytest.raises(PolicyError, match=r"must state the sensor of 3 features by name, .*, got None"):
         make(12, 2, card={"n_records": 4, "features": 3})
 
 
@@ -186,9 +183,11 @@ def test_a_failed_save_keeps_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "policy.safetensors"
     save_policy(make(), path)
     before = path.read_bytes()
-    monkeypatch.setattr(
-        os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device"))
-    )
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
     with pytest.raises(OSError, match="No space left"):
         save_policy(make(seed=5), path)
     assert path.read_bytes() == before
@@ -210,21 +209,14 @@ def zipped():
     return buffer.getvalue()
 
 
-def tensors(policy=None):
-    policy = policy or make(8, 3, 2)
-    return {
-        f"layers.{i}.{part}": array
-        for i in range(len(policy.weights))
-        for part, array in (("weight", policy.weights[i]), ("bias", policy.biases[i]))
-    }
+def tensors():
+    return make(8, 3, 2).tensors
 
 
 def written(change=None, *, card=CARD, metadata=None, parameters=None):
     """The bytes of a policy file whose header was changed."""
-    metadata = (
-        {"chemoswarm": card if isinstance(card, str) else json.dumps(card)} if metadata is None else metadata
-    )
-    data = save(parameters or tensors(), metadata)
+    text = card if isinstance(card, str) else json.dumps(card)
+    data = save(parameters or tensors(), {"chemoswarm": text} if metadata is None else metadata)
     if change is None:
         return data
     (size,) = struct.unpack("<Q", data[:8])

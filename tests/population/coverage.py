@@ -13,7 +13,7 @@ from swarm.population.statistics import margin
 
 SEEDS, CELLS = (3, 5, 10, 20), (40, 400)
 RATIOS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # spread of seeds per spread of cells
-DESIGNS = ("one sample", "paired", "unpaired")
+DESIGNS = ("one sample", "paired")
 INTERACTION = 0.3  # spread of (seed, cell), per spread of cells
 BATCH = 100  # trials at once
 
@@ -48,10 +48,10 @@ def coverage(design, n_seeds, n_cells, ratio, *, effects=NORMAL, trials=2000, se
             cells = common if design == "one sample" else 0.8 * common + 0.6 * own
             of_seeds = ratio * draw(effects.seed, BATCH, n_seeds, 1)
             noise = INTERACTION * generator.standard_normal((BATCH, n_seeds, n_cells))
-            samples.append(of_seeds + (own if design == "unpaired" else cells) + noise)
+            samples.append(of_seeds + cells + noise)
         weights = (1.0, -1.0)[: len(samples)]
         found = sum(w * sample.mean(axis=(-2, -1)) for w, sample in zip(weights, samples, strict=True))
-        held += np.sum(np.abs(found) < margin(*samples, weights=weights, shared_cells=design != "unpaired"))
+        held += np.sum(np.abs(found) < margin(*samples, weights=weights))
     return held / (trials // BATCH * BATCH)
 
 

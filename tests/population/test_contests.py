@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import beta
 
 import swarm
+from swarm._support import streams
 from swarm.physics.fields import RadialField
 from swarm.physics.perception import Memory
 from swarm.physics.world import World
@@ -54,6 +55,22 @@ def test_policies_that_do_the_same_live_the_lives_of_a_crowd_and_share_the_wins(
             np.testing.assert_array_equal(results["gain"][world], crowd["gain"].sel(policy="greedy"))
     assert results["won"].values.tolist() == [0.5, 0.5]  # each start is each policy's once
     assert results["winner"].sum() == 40
+
+
+EATING = {"box": ((-6, 6), (-6, 6)), "shape": (64, 64), "uptake": 0.1, "decay": 0.01}
+
+
+@pytest.mark.parametrize("options", [{"concentration_noise": 0.1}, {"medium": EATING}], ids=str)
+def test_many_worlds_are_lived_a_few_at_a_time(monkeypatch, options):
+    world, players, told = RACE.replace(life=4, **options), {"a": Random(), "b": Swinging()}, []
+    whole = contest(world, players, cells=6, worlds=10, seed=1)
+    monkeypatch.setattr(streams, "BLOCK", 25)
+    assert contest(world, players, cells=6, worlds=10, seed=1, progress=told.append).identical(whole)
+    assert told == sorted(told)
+    assert (told[0], told[-1]) == (0, 1)
+    monkeypatch.setattr("swarm.population.contests.KEPT", 1e15)
+    with pytest.raises(ValueError, match=r"cells × worlds must be fewer, got 6 × 10: .* GiB of memory"):
+        contest(world, players, cells=6, worlds=10)
 
 
 def test_the_better_policy_wins_and_the_table_says_so():

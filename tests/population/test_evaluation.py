@@ -88,7 +88,9 @@ def test_where_there_is_an_egg_arrivals_are_counted():
     world = World(field="radial", varying_speed=True)
     done = evaluate("greedy", world, experiment="radial", cells=3, life=300)
     assert done.summary["limit"] is None
+    assert "limit" not in done.results.attrs
     assert done.summary["arrived"] == 3
+    assert (done.results["lifetime"].sel(policy="swinging") == 300).all()
     times = done.results["lifetime"].sel(policy="greedy").values
     assert done.summary["time_to_egg"] == {"mean": times.mean(), "median": np.median(times)}
     assert done.table.headings[-3:] == ["arrived", "time to egg", "median"]

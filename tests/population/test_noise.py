@@ -1,7 +1,5 @@
 """Gain against noise: every level is a population test of the same cells."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -16,7 +14,7 @@ from swarm.population.statistics import statistics
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_level_is_the_population_test_of_its_world(kind):
-    world, parameter = World(), KINDS[kind].parameter
+    world, parameter = World(curvature_noise=0.1), KINDS[kind].parameter
     done = sweep_noise(Random(), world, (0.0, 0.3), kind=kind, cells=4, life=12, seed=3)
     for level, found in zip((0.0, 0.3), done.tests, strict=True):
         noisy = world.replace(**{parameter: level})
@@ -38,12 +36,6 @@ def test_all_levels_and_policies_have_the_same_starts():
     for name in ("start_position", "start_heading", "past"):
         for test in done.tests:
             assert test[name].identical(done.results[name])
-
-
-def test_other_perturbations_of_the_world_stay():
-    world = World(rotational_diffusion=0.2)
-    done = sweep_noise("greedy", world, (0.0, 0.1), cells=3, life=5)
-    assert [json.loads(test.attrs["world"])["rotational_diffusion"] for test in done.tests] == [0.2, 0.2]
 
 
 def test_a_single_cell_has_no_intervals_and_origin_is_told():
@@ -80,8 +72,6 @@ def test_wins_are_of_the_cells_of_all_worlds_and_intervals_over_what_is_independ
         ((0.1, 0.1), {}, r"levels of noise must be at least one, and rise, got \(0.1, 0.1\)"),
         ((0.0, float("inf")), {"kind": "curvature"}, "curvature_noise must be a finite number"),
         ((0.0,), {"kind": "rotational"}, "kind must be one of .*did you mean 'rotation'"),
-        ((0.0,), {"cells": 0}, "cells must be a whole number of at least 1, got 0"),
-        ((0.0,), {"worlds": 0}, "worlds must be a whole number of at least 1, got 0"),
         ((0.0, 0.1), {"policy": "optimal"}, "Optimal needs no perturbations"),
         ((0.0, 0.1), {"policy": "greeedy"}, "did you mean 'greedy'"),
     ],

@@ -108,17 +108,6 @@ def test_series_tell_each_life_from_its_start_to_its_end(options):
     assert np.allclose(away[alive], 1 / results["curvature"].values[alive], atol=1e-5)
 
 
-def test_cells_arrive_at_the_egg_or_live_to_the_end():
-    world = World(field="radial", varying_speed=True)
-    results = trial(world, {"swinging": Swinging()}, cells=9, life=300)
-    greedy, swinging = results.sel(policy="greedy"), results.sel(policy="swinging")
-    assert greedy["arrived"].values.all()
-    assert (greedy["lifetime"].values < 300).all()
-    assert not swinging["arrived"].values.any()
-    assert (swinging["lifetime"].values == 300).all()
-    assert "limit" not in population_test(world, {}, cells=2, life=5).attrs
-
-
 def test_units_and_provenance_are_in_the_attributes():
     results = trial(World(), cells=2, life=2, record=True, seed=4)
     assert all("long_name" in values.attrs for values in results.data_vars.values())
@@ -133,12 +122,14 @@ def test_units_and_provenance_are_in_the_attributes():
     ("options", "error", "words"),
     [
         ({"cells": 0}, ValueError, "cells must be a whole number of at least 1, got 0"),
+        ({"worlds": 1.5}, TypeError, "worlds must be a whole number of at least 1, got 1.5"),
         ({"life": -1.0}, ValueError, "life must be a finite number above 0"),
         ({"seed": -1}, ValueError, "seed must not be negative"),
         ({"policies": {"": Greedy()}}, TypeError, "policies must be named by text, got ''"),
         ({"policies": {"mine": 3}}, TypeError, "policy 'mine' must have act"),
         ({"policies": {"greedy": Random()}}, ValueError, "policy 'greedy' must be the greedy strategy"),
         ({"record": 1}, TypeError, "record must be one of all, ends, statistics, thinned, got 1"),
+        ({"record": "end"}, ValueError, "record must be one of all, .*, got 'end'; did you mean"),
     ],
 )
 def test_bad_input_is_named(options, error, words):

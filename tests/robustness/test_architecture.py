@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+import swarm
+
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("chemoswarm", "swarm", "trainers")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
@@ -80,8 +82,9 @@ def test_files_and_functions_are_short(path):
             assert lines <= MOST_OF_A_FUNCTION, f"{node.name} has {lines} lines"
 
 
-def test_every_package_that_is_imported_is_declared():
+def test_every_package_that_is_imported_is_declared_and_the_version_is_the_distribution_s():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert swarm.__version__ == project["version"]
     wanted = project["dependencies"] + [
         name for extra in project["optional-dependencies"].values() for name in extra
     ]
@@ -95,12 +98,14 @@ def test_every_package_that_is_imported_is_declared():
             assert names & declared, f"{path.name} imports {name}, which pyproject.toml does not ask for"
 
 
+def fresh(code):
+    """What a new interpreter prints."""
+    command = [sys.executable, "-W", "error", "-c", code]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
 def loaded_by(statement):
-    code = f"import sys; {statement}; print(*sys.modules)"
-    run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    return {name.split(".")[0] for name in run.stdout.split()}
+    return {name.split(".")[0] for name in fresh(f"import sys; {statement}; print(*sys.modules)").split()}
 
 
 def test_importing_swarm_loads_nothing_heavy():
@@ -114,6 +119,38 @@ def test_a_world_runs_without_scipy_or_xarray():
         "s = w.start(np.zeros((2, 2)), np.zeros(2), np.zeros((2, 4), int)); w.step(s, np.ones(2, int))"
     )
     assert not loaded_by(statement) & {*HEAVY, "scipy", "matplotlib", "xarray", "pandas"}
+
+
+def seconds(imports):
+    return float(
+        fresh(f"from time import perf_counter as now; t = now(); import {imports}; print(now() - t)")
+    )
+
+
+def test_importing_swarm_takes_at_most_twice_as_long_as_what_it_stands_on():
+    ratios = []
+    for _ in range(8):  # by turns, so that what else the machine does falls on both
+        foundation = seconds("numpy, gymnasium, pettingzoo")
+        ratios.append(seconds("swarm") / foundation)
+        if min(ratios) <= 1.6:
+            break
+    assert min(ratios) <= 2
+
+
+def test_public_names_exist_and_the_heavy_ones_are_loaded_when_they_are_asked_for():
+    assert list(swarm.__all__) == sorted(swarm.__all__)
+    assert set(swarm.__all__) <= set(dir(swarm))
+    assert {"World", "parallel_env", "population_test", "limit", "load_policy"} <= set(swarm.__all__)
+    heavy = {name: f"swarm.{swarm._LAZY[name]}" for name in sorted(swarm._LAZY)}
+    before, after = fresh(
+        f"import sys, swarm; heavy = {heavy!r}\n"
+        "print(*[module for module in heavy.values() if module in sys.modules])\n"
+        "for name in swarm.__all__: getattr(swarm, name)\n"
+        "print(*[name for name in heavy if heavy[name] in sys.modules and name in vars(swarm)])"
+    ).splitlines()
+    assert (before, after.split()) == ("", list(heavy))
+    with pytest.raises(AttributeError, match="module 'swarm' has no attribute 'swimmer_zoo'"):
+        _ = swarm.swimmer_zoo
 
 
 def test_the_picture_of_the_house_is_what_the_code_draws():

@@ -24,6 +24,7 @@ from swarm.physics.world import World
 from swarm.policies.policy_file import PolicyError
 from swarm.population.contest import population_test
 from swarm.population.results import save_population
+from tests.policies.test_network import Canary
 from tests.short_runs import short_settings, start, whole
 from trainers import cli
 from trainers.training import checkpoint as checkpoints
@@ -39,13 +40,6 @@ SETTINGS = short_settings(learning={"epochs": 2})
 def elsewhere(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)
-
-
-class Canary:
-    """Makes a file when it is unpickled."""
-
-    def __reduce__(self):
-        return Path.touch, (Path("canary"),)
 
 
 def sings(data):
@@ -230,7 +224,9 @@ TEXT, LONG = h5py.string_dtype(), 2**17
 
 
 def as_one_long_text(path, elements):
-    """Makes every text of a list of `elements` the one long text that the file holds once."""
+    """Makes every text of a list of `elements` one long text that the file holds once."""
+    with h5py.File(path, "a") as file:
+        file.attrs.create("long", "a" * LONG, dtype=TEXT)
     data = bytearray(path.read_bytes())
     places = [match.start() for match in re.finditer(re.escape(struct.pack("<I", LONG)), data)]
     heaps = [struct.unpack("<Q", data[place + 4 : place + 12])[0] for place in places]
@@ -254,8 +250,6 @@ def grid_file(path, item="c", name=None, value=None, dtype=None, **options):
 
 def shared_heap(path, item="c", name="units"):
     grid_file(path, item, name, ["a" * 9] * 3000, TEXT)
-    with h5py.File(path, "a") as file:
-        file.attrs.create("long", "a" * LONG, dtype=TEXT)
     as_one_long_text(path, 3000)
 
 
@@ -268,7 +262,6 @@ def shared_heap_of_policies(path, of=2000):
     with h5py.File(path, "a") as file:
         del file["policy"]
         file.create_dataset("policy", data=["a" * 9] * of, dtype=TEXT)
-        file.attrs.create("long", "a" * LONG, dtype=TEXT)
         file["gain"].dims[0].attach_scale(file["policy"])
     as_one_long_text(path, of)
 
@@ -281,8 +274,6 @@ def with_attribute(path, name, value, dtype=None):
 
 def shared_heap_of_attribute(path):
     with_attribute(path, "versions", ["a" * 9] * 3000, TEXT)
-    with h5py.File(path, "a") as file:
-        file.attrs.create("long", "a" * LONG, dtype=TEXT)
     as_one_long_text(path, 3000)
 
 

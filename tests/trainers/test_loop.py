@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from swarm import LinearField, RadialField, TaylorGreen, World, load_policy
+from swarm import Greedy, LinearField, RadialField, TaylorGreen, World, draw_starts, load_policy
 from tests.short_runs import go_on, kept, short_settings, start, whole
 from trainers.algorithms.base import learning_rate_at
 from trainers.algorithms.dqn import epsilon_at
@@ -183,24 +183,30 @@ def test_there_is_no_fraction_of_a_limit_that_is_not_above_0():
     assert made.policies()[0].card["validation"]["fraction_of_limit"] is None
 
 
-def test_validation_plays_the_policy_as_a_population_test_does():
-    made = trained(2, n_seeds=2)
+CROWDED = {"interactions": [{"type": "contact", "diameter": 0.4, "stiffness": 9.0}]}
+CROWDED |= {"start_box": [[0.0, 1.0], [0.0, 1.0]]}
+
+
+@pytest.mark.parametrize(("worlds", "world"), [(1, {}), (3, {}), (3, CROWDED)], ids=str)
+def test_validation_plays_the_policy_as_a_population_test_does(worlds, world):
+    made = trained(2, n_seeds=2, world=world, validation={"worlds": worlds, "life": 1.5})
     policy, card = made.algorithm.policy, {"n_records": 4, "features": 2}
     policies = [exported(policy.state_dict(), place, card) for place in range(2)]
-    expected = [each.mean() for each in played(made, policies)]
-    assert made.validation.gains(policy) == pytest.approx(expected, abs=1e-3)
+    assert made.validation.gains(policy) == pytest.approx(played(made, policies), abs=1e-3)
+    assert made.validation.greedy == pytest.approx(played(made, [Greedy()] * 2), abs=1e-12)
+    assert made.validation.limits == (None if world else pytest.approx(played(made, policies), abs=1.0))
 
 
 def played(made, policies):
-    """Gains (cells,) of each seed's policy on the seed's validation starts, in NumPy."""
-    from swarm.physics.starts import draw_starts
-
-    world = made.validation.env.world
+    """Mean gains of each seed's policy on the seed's validation starts, in NumPy, world by world."""
+    world, gains = made.validation.env.world, []
     for seed, policy in zip(made.seeds, policies, strict=True):
-        state = world.start(*draw_starts(world, 3, seed, population="validation"))
-        while not state.finished.all():
-            state, outcome = world.step(state, policy.act(world, state))
-        yield outcome.gain
+        for first in range(0, 3 * made.validation.worlds, 3):
+            state = world.start(*draw_starts(world, 3, seed, population="validation", first=first))
+            while not state.finished.all():
+                state, outcome = world.step(state, policy.act(world, state))
+            gains.append(outcome.gain)
+    return np.reshape(gains, (len(policies), -1)).mean(axis=1)
 
 
 # --- stacks of seeds ----------------------------------------------------------------------------------------

@@ -147,8 +147,6 @@ def _complete(training: Training, run: RunFolder) -> None:
     with Progress("training", epochs) as bar:
 
         def report(training: Training, seconds: float) -> None:
-            if not bar.clock.done:  # a run that goes on
-                bar.clock.first = training.epoch - 1
             text = f"epoch {training.epoch}/{epochs}  {running.standing(training)}{seconds:.2f} s/epoch"
             bar.show(training.epoch, text=text)
             if training.epoch == epochs:

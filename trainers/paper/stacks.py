@@ -150,7 +150,9 @@ def curve_of(table: Mapping[str, np.ndarray], settings: Settings, seeds: Sequenc
     blocks = np.array_split(np.arange(epochs), min(BLOCKS, epochs))
     exploring = np.stack([table["training_gain"][:, block].mean(axis=1) for block in blocks], axis=1)
     world, checked = settings.training_world(), settings.validation
-    validation = Validation(world.replace(life=checked.life), checked.cells, list(seeds))
+    validation = Validation(
+        world.replace(life=checked.life), checked.cells, list(seeds), worlds=checked.worlds
+    )
     return TrainingCurve(
         epoch=(validated + 1).tolist(),
         gain=gain.round(4).tolist(),

@@ -34,7 +34,8 @@ class ValidationSettings:
     tested on.
     """
 
-    cells: Count = _CROWD
+    cells: Count = _CROWD  # in each world
+    worlds: Count = 1
     life: Positive = 200.0  # t_life [time]
     every: Count = 20  # epochs
 

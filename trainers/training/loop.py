@@ -57,7 +57,8 @@ class Training:
         if learning.block:
             whole = getattr(self.algorithm, "collector", None)
             self.algorithm.collector = SpreadCollector(whole, settings, submit or Here)
-        self.validation = Validation(world.replace(life=checked.life), checked.cells, self.seeds, device)
+        sizes = checked.cells, self.seeds, device
+        self.validation = Validation(world.replace(life=checked.life), *sizes, worlds=checked.worlds)
         self.epoch = 0
         self.decisions = 0
         self.untrained = np.full(

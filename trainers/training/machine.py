@@ -35,7 +35,8 @@ def memory_needed(settings: Settings) -> int:
     """Bytes a run works with, roughly, and rather too few than too many."""
     learning, world = settings.learning, settings.training_world()
     decisions = min(learning.collect or world.max_decisions, world.max_decisions)
-    cells = 2 * decisions * learning.n_worlds * learning.n_swimmers + settings.validation.cells
+    validated = settings.validation.cells * settings.validation.worlds
+    cells = 2 * decisions * learning.n_worlds * learning.n_swimmers + validated
     own = learner_of(settings).memory_needed(settings)
     return settings.n_seeds * (8 * world.observation_size * cells + own)
 

@@ -75,7 +75,7 @@ class Worlds:
 
     @property
     def medium(self) -> Tensor:
-        """The medium's grids (worlds, nx, ny), see [`MediumState`][swarm.physics.crowd.medium.MediumState]
+        """The grids (worlds, nx, ny), see [`MediumState`][swarm.physics.crowd.medium.medium.MediumState]
         [concentration]. Raises AttributeError in a world without a medium, RuntimeError before the first
         restart.
         """

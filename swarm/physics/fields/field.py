@@ -13,6 +13,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, Protocol, runtime_checkable
 
 from swarm._support.arrays import Array
@@ -54,22 +55,23 @@ def warn_of_scale(given: float, typical: float, where: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class FrozenField:
-    """A field as it is at one time, a number or an array that broadcasts with `position[..., 0]`; everything
-    else is the field's own. Nothing is checked, so that it may be made of traced numbers."""
+class Frozen:
+    """A field or flow as it is at one time, a number or an array that broadcasts with `position[..., 0]`;
+    everything else is its own. Nothing is checked, so that it may be made of traced numbers."""
 
-    field: Any  # whose `concentration(position, time)` takes the time
+    part: Any
     time: Any
-
-    @property
-    def gradient_scale(self) -> float:
-        """The field's."""
-        return self.field.gradient_scale
-
-    def concentration(self, position: Array) -> Array:
-        return self.field.concentration(position, self.time)
 
     def __getattr__(self, name: str) -> Any:
         if name == "at" or name.startswith("_"):
             raise AttributeError(name)
-        return getattr(self.field, name)
+        return getattr(self.part, name)
+
+
+class FrozenField(Frozen):
+    """A field as it is at one time, see `Frozen`; its `concentration(position, time)` takes the time."""
+
+    gradient_scale = property(attrgetter("part.gradient_scale"))
+
+    def concentration(self, position: Array) -> Array:
+        return self.part.concentration(position, self.time)

@@ -59,7 +59,6 @@ class GriddedField(Interpolant):
     ) -> None:
         names = None if variable is None else [variable]
         reading = Reading(edges, interpolation, period, spacing_tolerance, fill, outside_time)
-        reading.checked()  # before anything is read
         grid = read_grid(data, names, reading, sha256)
         super().__init__(grid, shape)
         self.length_unit = check_units(grid.units)

@@ -15,6 +15,8 @@ from swarm.physics.fields.field import FIELDS
 from swarm.physics.fields.sources import CoredEgg
 
 NODES = 48  # release times of the quadrature
+_LEGENDRE = np.polynomial.legendre.leggauss(NODES)  # places and weights on [−1, 1], next on [0, 1]
+_QUADRATURE = 0.5 * (_LEGENDRE[0] + 1), 0.5 * _LEGENDRE[1]
 LONGEST = 30.0  # s √(−det A) where a strained cloud is e^{−30} thin; older ones are taken as that old
 NEAR = 1.0  # |z| below which power series are exact to rounding and closed forms are not
 
@@ -50,12 +52,9 @@ class ShearedSource(CoredEgg):
     velocity_gradient: Matrix = parameter(((0.0, 0.01), (0.0, 0.0)), check_velocity_gradient)  # A [1 / time]
     release: str = parameter("steadily", check_name, known=("steadily", "at_once"))
 
-    @property
-    def _has_core(self) -> bool:
-        return self.release == "steadily"
+    coordinates = 2
 
-    def _typical_gradient(self) -> float:
-        return self._steady_gradient() if self.release == "steadily" else self._steepest_of_cloud()
+    _steady = property(lambda self: self.release == "steadily")
 
     def covariance(self, age: Array) -> tuple[Array, Array, Array]:
         """Σ_xx, Σ_xy, Σ_yy (...) [length²] of what was released `age` (...) ago [time]."""
@@ -93,9 +92,9 @@ class ShearedSource(CoredEgg):
         return density if self.dimensions == 2 else density * (4 * math.pi * self.diffusivity * age) ** -0.5
 
     def concentration(self, position: Array, time: Array = 0.0) -> Array:
-        x, y = self._from_egg(position)
+        x, y = (position[..., axis] - self.egg_position[axis] for axis in (0, 1))
         age = moment(time, position) + self.age
-        if self.release == "at_once":
+        if not self._steady:
             return self.offset + self.strength * self._cloud(x, y, age)
         xp, shape = namespace(position), (-1, *(1,) * x.ndim)
         places, weights = (xp.reshape(as_array(each, position), shape) for each in _QUADRATURE)
@@ -110,15 +109,14 @@ class ShearedSource(CoredEgg):
     @cached_property
     def _bounds(self) -> tuple[float, float]:
         """Bounds of |∇c| and |∂c/∂t|, from what was released at every age there is."""
-        steadily = self.release == "steadily"
-        ages = np.geomspace(self.core_time if steadily else self.age, 1e9 * self.age, 6000)
+        ages = np.geomspace(self.core_time if self._steady else self.age, 1e9 * self.age, 6000)
         xx, xy, yy, determinant = self._covariance(ages)
         along = 2 * self.diffusivity * ages  # Σ_zz
         narrowest = determinant / (0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy))
         peak = self.strength * determinant**-0.5 / (2 * math.pi)
         peak = peak if self.dimensions == 2 else peak * (2 * math.pi * along) ** -0.5
         steepest = peak / np.sqrt(narrowest * math.e)
-        if steadily:  # ages evenly spaced in their logarithm; the rest falls at least with its root
+        if self._steady:  # ages evenly spaced in their logarithm; the rest falls at least with its root
             total = np.trapezoid(steepest * ages, np.log(ages)) + 2 * steepest[-1] * ages[-1]
             return 1.01 * float(total), float(np.interp(self.age, ages, peak)) * 1.01
         # Ġ = G (r'Σ⁻¹Σ̇Σ⁻¹r − tr Σ⁻¹Σ̇)/2 is fastest at the egg, for Σ̇ = 2D e^{As}e^{A's} is positive
@@ -149,12 +147,3 @@ def _rest(z: Array, sign: float) -> Array:
     root = xp.sqrt(xp.abs(far))
     sine = xp.sinh(root) if sign > 0 else xp.sin(root)
     return xp.where(is_near, series, (sine / root - 1) / far)
-
-
-def _quadrature() -> np.ndarray:
-    """Places and weights (2, NODES) of Gauss–Legendre's rule on [0, 1]."""
-    places, weights = np.polynomial.legendre.leggauss(NODES)
-    return np.stack([0.5 * (places + 1), 0.5 * weights])
-
-
-_QUADRATURE = _quadrature()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from swarm._support.arrays import Array, moment, namespace
 from swarm._support.checks import (
@@ -40,8 +41,8 @@ def gaussian_peak(variance: float, dimensions: int) -> float:
 
 @dataclass(frozen=True)
 class Source(Checked):
-    """What sources have in common. Their c_k is a number that never changes: as given, else the gradient at
-    `distance` that the class names."""
+    """What sources have in common. Their c_k is a number that never changes: as given, else the
+    `_typical_gradient` at `distance`."""
 
     # M [concentration · length^d] at once, Q [concentration · length^d / time] steadily
     strength: float = parameter(1.0, check_number, above=0.0)
@@ -50,7 +51,7 @@ class Source(Checked):
     distance: float = parameter(2.0, check_number, above=0.0)  # [length]
     offset: float = parameter(0.0, check_number)  # c_0, far away [concentration]
 
-    coordinates = 2
+    coordinates: ClassVar[Any] = 2
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -60,9 +61,6 @@ class Source(Checked):
     def at(self, time: Array) -> FrozenField:
         """The field frozen at `time`, see `FrozenField`."""
         return FrozenField(self, time)
-
-    def _typical_gradient(self) -> float:
-        return self.strength / (4 * math.pi * self.diffusivity * self.distance**2)
 
     def _shortest(self, length: float, like: Array) -> float:
         """Distances below, where differences of nearly equal numbers are divided by them, are taken as this:
@@ -81,23 +79,20 @@ class Egg(Source):
     # a path that comes this close to r₀ has arrived; None: nothing ends there
     egg_radius: float | None = parameter(0.5, optional(check_number), above=0.0)
 
-    def _coordinates(self) -> int | None:
-        """In a film 2; in bulk fluid cells may swim in space too."""
-        return 2 if self.dimensions == 2 else None
+    _steady: ClassVar[Any] = False  # it releases steadily, not all at once
 
-    def _from_egg(self, position: Array) -> tuple[Array, Array]:
-        return position[..., 0] - self.egg_position[0], position[..., 1] - self.egg_position[1]
+    # in bulk fluid cells may swim in space too
+    coordinates = property(lambda self: 2 if self.dimensions == 2 else None)
 
-    def _steepest_of_cloud(self) -> float:
-        """The largest |∇c| that a cloud released at once ever has at `distance`, r: at 2Dt = r²/(d + 2)."""
+    def _typical_gradient(self) -> float:
+        """|∇c| at `distance`, r: of what is released steadily in the end, Q/(2πDr), Q/(4πDr²); of a cloud
+        released at once the largest ever, at 2Dt = r²/(d + 2)."""
         d, r = self.dimensions, self.distance
+        if self._steady:
+            surface = 2 * math.pi * r * (1 if d == 2 else 2 * r)
+            return self.strength / (self.diffusivity * surface)
         variance = r * r / (d + 2)
         return self.strength * gaussian_peak(variance, d) * math.exp(-0.5 * (d + 2)) * r / variance
-
-    def _steady_gradient(self) -> float:
-        """|∇c| at `distance`, r, of what is released steadily, in the end: Q/(2πDr), Q/(4πDr²)."""
-        surface = 2 * math.pi * self.distance * (1 if self.dimensions == 2 else 2 * self.distance)
-        return self.strength / (self.diffusivity * surface)
 
 
 @dataclass(frozen=True)
@@ -111,15 +106,13 @@ class CoredEgg(Egg):
 
     core: float = parameter(0.2, check_number, above=0.0)  # a [length]
 
+    _steady = True
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self._has_core and self.core_time >= self.age:
+        if self._steady and self.core_time >= self.age:
             rule = f"age must be above core²/2D = {self.core_time:g}"
             raise ValueError(f"{rule}, from when on there is something, got {self.age:g}")
-
-    @property
-    def _has_core(self) -> bool:
-        return True
 
     @property
     def core_time(self) -> float:
@@ -154,9 +147,6 @@ class ReleasedSource(Egg):
         variance, peak = self._start
         return peak * self.dimensions * self.diffusivity / variance
 
-    _typical_gradient = Egg._steepest_of_cloud
-    coordinates = property(Egg._coordinates)
-
     def concentration(self, position: Array, time: Array = 0.0) -> Array:
         spread = 4 * self.diffusivity * (moment(time, position) + self.age)
         cloud = namespace(position).exp(-distance_squared(position, self.egg_position) / spread)
@@ -187,9 +177,6 @@ class ReleasingSource(CoredEgg):
         """Bound of |∂c/∂t|: that of the egg at t = 0."""
         return self.strength * gaussian_peak(2 * self.diffusivity * self.age, self.dimensions)
 
-    _typical_gradient = Egg._steady_gradient
-    coordinates = property(Egg._coordinates)
-
     def concentration(self, position: Array, time: Array = 0.0) -> Array:
         xp = namespace(position)
         spread = 4 * self.diffusivity * (moment(time, position) + self.age)
@@ -218,6 +205,9 @@ class MovingSource(Source):
     velocity: tuple[float, float] = parameter((0.1, 0.0), check_pair)  # v [length / time]
     position: tuple[float, float] = parameter((0.0, 0.0), check_pair)  # where it is at t = 0 [length]
     core: float = parameter(0.2, check_number, above=0.0)  # a [length]
+
+    def _typical_gradient(self) -> float:
+        return self.strength / (4 * math.pi * self.diffusivity * self.distance**2)
 
     @property
     def max_gradient(self) -> float:

@@ -3,11 +3,9 @@
 from swarm.physics.flows.flow import FLOWS, Flow
 from swarm.physics.flows.function import FunctionFlow
 from swarm.physics.flows.gridded import GriddedFlow
-from swarm.physics.flows.parallel import PoiseuilleFlow, ShearFlow, UniformFlow
+from swarm.physics.flows.parallel import PoiseuilleFlow, ShearFlow, StillWater, UniformFlow
 from swarm.physics.flows.spatial import ABCFlow, ShearAroundSphere
-from swarm.physics.flows.still import StillWater
-from swarm.physics.flows.unsteady import DoubleGyre, OscillatingTaylorGreen
-from swarm.physics.flows.vortices import TaylorGreen, Vortex
+from swarm.physics.flows.vortices import DoubleGyre, OscillatingTaylorGreen, TaylorGreen, Vortex
 
 __all__ = [
     "FLOWS",

@@ -19,10 +19,13 @@ than its spin over its speed. One that holds in space only has `coordinates` = 3
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, Protocol, runtime_checkable
 
 from swarm._support.arrays import Array, join
 from swarm._support.registry import Registry
+from swarm.physics.fields.field import Frozen
+from swarm.physics.motion.arc import components
 
 FLOWS = Registry("flow", "chemoswarm.flows")
 
@@ -50,35 +53,36 @@ class Flow(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class FrozenFlow:
-    """A flow as it is at one time, a number or an array that broadcasts with `position[..., 0]`; everything
-    else is the flow's own. Nothing is checked, so that it may be made of traced numbers."""
+class InPlane:
+    """A flow of the plane that says all at one go: `velocity_and_spin(x, y)`."""
 
-    flow: Any  # whose `velocity_and_spin(x, y, time)` takes the time
-    time: Any
-
-    @property
-    def speed_scale(self) -> float:
-        """The flow's."""
-        return self.flow.speed_scale
-
-    @property
-    def spin_scale(self) -> float:
-        """The flow's."""
-        return self.flow.spin_scale
-
-    def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        return self.flow.velocity_and_spin(x, y, self.time)
+    velocity_and_spin: Any  # (x, y) -> u_x, u_y and ω₀ (...) at the places (x, y)
 
     def velocity(self, position: Array) -> Array:
-        u_x, u_y, _ = self.velocity_and_spin(position[..., 0], position[..., 1])
-        return join(u_x, u_y)
+        return join(*self.velocity_and_spin(position[..., 0], position[..., 1])[:2])
 
     def spin(self, position: Array) -> Array:
         return self.velocity_and_spin(position[..., 0], position[..., 1])[2]
 
-    def __getattr__(self, name: str) -> Any:
-        if name == "at" or name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self.flow, name)
+
+class InSpace:
+    """A flow of space that says all at one go: `velocity_and_vorticity(x, y, z)`."""
+
+    velocity_and_vorticity: Any  # (x, y, z) -> the components (...) of both at the places (x, y, z)
+
+    def velocity(self, position: Array) -> Array:
+        return join(*self.velocity_and_vorticity(*components(position))[:3])
+
+    def vorticity(self, position: Array) -> Array:
+        return join(*self.velocity_and_vorticity(*components(position))[3:])
+
+
+@dataclass(frozen=True, eq=False)
+class FrozenFlow(Frozen, InPlane):
+    """A flow as it is at one time, see `Frozen`; its `velocity_and_spin(x, y, time)` takes the time."""
+
+    speed_scale = property(attrgetter("part.speed_scale"))
+    spin_scale = property(attrgetter("part.spin_scale"))
+
+    def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        return self.part.velocity_and_spin(x, y, self.time)

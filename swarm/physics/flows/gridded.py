@@ -12,8 +12,9 @@ from swarm._support.arrays import Array, join
 from swarm._support.checks import check_number
 from swarm.physics.flows.flow import FLOWS
 from swarm.physics.grids.axes import SPACING_TOLERANCE
-from swarm.physics.grids.grid import Grid, Reading, read_grid
+from swarm.physics.grids.grid import Reading, read_grid
 from swarm.physics.grids.interpolant import NEGLIGIBLE, Interpolant
+from swarm.physics.grids.spline import Lattice
 from swarm.physics.grids.units import check_units
 from swarm.physics.motion.arc import components
 
@@ -54,14 +55,14 @@ class GriddedFlow(Interpolant):
     ) -> None:
         given = self._check_names(velocity, spin, vorticity)
         reading = Reading(edges, interpolation, period, spacing_tolerance, fill, outside_time)
-        reading.checked()  # before anything is read
         grid = read_grid(data, [*velocity, *given], reading, sha256)
         axes = len(grid.lattice.shape)
         if len(velocity) != axes:
             raise ValueError(f"velocity must be the names of {axes} variables, got {velocity!r}")
         self.length_unit = check_units(grid.units, velocity, spin)
         self._differentiates = not given and interpolation == "cubic"
-        further = _central_turning(grid) if not given and interpolation == "linear" else []
+        found_here = not given and interpolation == "linear"
+        further = _turning(_central_slopes(grid.values[:axes], grid.lattice)) if found_here else []
         super().__init__(grid, shape, *further)
         at_points, *along = self.spline.at_points()
         turning = np.stack(_turning(along)) if self._differentiates else at_points[axes:]
@@ -86,16 +87,8 @@ class GriddedFlow(Interpolant):
         self._numbers |= {} if vorticity is None else {"vorticity": vorticity}
         self._numbers |= {"speed_scale": self.speed_scale, "spin_scale": self.spin_scale}
 
-    def velocity_and_spin(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """u_x, u_y and ω₀ (...) at the places (x, y)."""
-        u_x, u_y, spin = self._both(x, y)
-        return u_x, u_y, spin
-
-    def velocity_and_vorticity(self, x: Array, y: Array, z: Array) -> tuple[Array, ...]:
-        """The components (...) of velocity and vorticity at the places (x, y, z), in space."""
-        return self._both(x, y, z)
-
-    def _both(self, *places: Array) -> tuple[Array, ...]:
+    def velocity_and_spin(self, *places: Array) -> tuple[Array, ...]:
+        """u_x, u_y and ω₀ (...) at the places (x, y), in space the components of velocity and vorticity."""
         axes = len(places)
         places, moment = self._places(*places)
         if not self._differentiates:
@@ -107,16 +100,18 @@ class GriddedFlow(Interpolant):
             found = *self.spline(places, moment), *(places[0],) * len(CURLS[axes])
         return found if self._spins else (*found[:axes], *(0.0 * each for each in found[axes:]))
 
+    velocity_and_vorticity = velocity_and_spin
+
     def velocity(self, position: Array) -> Array:
         values = self.spline(*self._places(*components(position)))
         return join(*values[: self.coordinates])
 
     def spin(self, position: Array) -> Array:
-        return self.velocity_and_spin(position[..., 0], position[..., 1])[2]
+        return self.velocity_and_spin(*components(position))[2]
 
     def vorticity(self, position: Array) -> Array:
         """(..., 3), in space."""
-        return join(*self._both(*components(position))[3:])
+        return join(*self.velocity_and_spin(*components(position))[3:])
 
     @staticmethod
     def _check_names(velocity: Sequence[str], spin: str | None, vorticity: Sequence[str] | None) -> list[str]:
@@ -154,17 +149,14 @@ def _speed_and_spin(axes: int, values: np.ndarray) -> np.ndarray:
     return np.stack([_size(values[:axes]), *turning])
 
 
-def _central_turning(grid: Grid) -> list[np.ndarray]:
-    """The spin (times, nx, ny), in space the vorticity's components, at the grid's points by central
-    differences, of second order at edges too."""
-
-    def slope(values: np.ndarray, axis: int) -> np.ndarray:
-        spacing, points = grid.lattice.spacing[axis], axis + 1
-        if grid.lattice.periodic[axis]:
-            return (np.roll(values, -1, points) - np.roll(values, 1, points)) / (2 * spacing)
-        order: Any = 2 if values.shape[points] > 2 else 1
-        return np.gradient(values, spacing, axis=points, edge_order=order)
-
-    axes = len(grid.lattice.shape)
-    curls = [slope(grid.values[b], a) - slope(grid.values[a], b) for a, b in CURLS[axes]]
-    return [0.5 * curls[0]] if axes == 2 else curls
+def _central_slopes(values: np.ndarray, lattice: Lattice) -> list[np.ndarray]:
+    """Derivatives of values (quantities, times, nx, ny[, nz]) along each axis, by central differences, of
+    second order at edges too."""
+    slopes = []
+    for axis, (spacing, again) in enumerate(zip(lattice.spacing, lattice.periodic, strict=True), 2):
+        if again:
+            slopes.append((np.roll(values, -1, axis) - np.roll(values, 1, axis)) / (2 * spacing))
+        else:
+            order: Any = 2 if values.shape[axis] > 2 else 1
+            slopes.append(np.gradient(values, spacing, axis=axis, edge_order=order))
+    return slopes

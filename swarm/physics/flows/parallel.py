@@ -1,4 +1,4 @@
-"""Parallel currents: uniform, simple shear, a channel."""
+"""Still water, and parallel currents: uniform, simple shear, a channel."""
 
 from __future__ import annotations
 
@@ -11,9 +11,33 @@ from swarm._support.checks import Checked, check_number, check_pair, check_point
 from swarm.physics.flows.flow import FLOWS
 
 
+class Spinless:
+    """Nothing spins in it."""
+
+    max_spin = 0.0
+
+    def spin(self, position: Array) -> Array:
+        return 0.0 * position[..., 0]
+
+    def vorticity(self, position: Array) -> Array:
+        """(..., 3), in space."""
+        return 0.0 * position
+
+
+@FLOWS.register("still")
+@dataclass(frozen=True)
+class StillWater(Spinless):
+    """No flow. The world never integrates it: paths are exact arcs."""
+
+    speed_scale = spin_scale = max_speed = 0.0
+
+    def velocity(self, position: Array) -> Array:
+        return 0.0 * position
+
+
 @FLOWS.register("uniform")
 @dataclass(frozen=True)
-class UniformFlow(Checked):
+class UniformFlow(Checked, Spinless):
     """A current u = (u_x, u_y), in space with a third number or u_z = 0, the same everywhere. Nothing spins
     in it: ω₀ = 0.
 
@@ -23,7 +47,6 @@ class UniformFlow(Checked):
     current: tuple[float, ...] = parameter((0.1, 0.0), check_point)  # (u_x, u_y[, u_z]) [length / time]
 
     spin_scale = 1.0
-    max_spin = 0.0
     max_speed = property(attrgetter("speed_scale"))
 
     def __post_init__(self) -> None:
@@ -46,13 +69,6 @@ class UniformFlow(Checked):
         along = xp.ones_like(position[..., 0])
         parts = (*self.current, 0.0)[: position.shape[-1]]
         return xp.stack([part * along for part in parts], axis=-1)
-
-    def spin(self, position: Array) -> Array:
-        return 0.0 * position[..., 0]
-
-    def vorticity(self, position: Array) -> Array:
-        """(..., 3), in space."""
-        return 0.0 * position
 
 
 @FLOWS.register("shear")

@@ -6,15 +6,15 @@ import math
 from dataclasses import dataclass
 from operator import attrgetter
 
-from swarm._support.arrays import Array, join, namespace
+from swarm._support.arrays import Array, namespace
 from swarm._support.checks import Checked, check_flag, check_number, check_triple, parameter
-from swarm.physics.flows.flow import FLOWS
+from swarm.physics.flows.flow import FLOWS, InSpace
 from swarm.physics.motion.arc import components
 
 
 @FLOWS.register("abc")
 @dataclass(frozen=True)
-class ABCFlow(Checked):
+class ABCFlow(Checked, InSpace):
     """Arnold–Beltrami–Childress flow, whose paths are chaotic in parts: u = (A sin kz + C cos ky,
     B sin kx + A cos kz, C sin ky + B cos kx), ω = k u (Dombre et al. 1986, J. Fluid Mech. 167, 353).
     """
@@ -73,16 +73,10 @@ class ABCFlow(Checked):
         )
         return *velocity, *(k * part for part in velocity)
 
-    def velocity(self, position: Array) -> Array:
-        return join(*self.velocity_and_vorticity(*components(position))[:3])
-
-    def vorticity(self, position: Array) -> Array:
-        return self.wavenumber * self.velocity(position)
-
 
 @FLOWS.register("shear_around_sphere")
 @dataclass(frozen=True)
-class ShearAroundSphere(Checked):
+class ShearAroundSphere(Checked, InSpace):
     """Stokes flow around a sphere, an egg, in the simple shear u = (γ z, 0, 0) about its centre, γ = u₀/h.
 
     With the strain rate E, the vorticity 2Ω of the shear and the radius a,
@@ -145,12 +139,6 @@ class ShearAroundSphere(Checked):
             (strained - turned) * x + pressed * z,
         )
         return *velocity, *vorticity
-
-    def velocity(self, position: Array) -> Array:
-        return join(*self.velocity_and_vorticity(*components(position))[:3])
-
-    def vorticity(self, position: Array) -> Array:
-        return join(*self.velocity_and_vorticity(*components(position))[3:])
 
     def inside(self, position: Array) -> Array:
         """Whether `position` (..., 3) lies in the water, bool (...)."""

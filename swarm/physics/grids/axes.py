@@ -1,4 +1,4 @@
-"""Coordinates of a grid: points that are evenly spaced, and where a grid that repeats begins again."""
+"""Axes of a grid: points that are evenly spaced, and where a grid that repeats begins again."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from swarm._support.checks import check_number
+from swarm.physics.grids.spline import MIN_POINTS, Lattice
 from swarm.physics.grids.units import AXES, SPACE
 
 SPACING_TOLERANCE = 0.01  # of the spacing, by which points may be off: coordinates are stored rounded
@@ -61,7 +62,49 @@ def check_strict(name: str, points: np.ndarray) -> None:
         raise ValueError(f"{name} must rise or fall strictly where data are bare arrays, got {pair}")
 
 
-def regular(axis: str, points: np.ndarray, tolerance: float) -> tuple[float, float]:
+def lattice_of(arrays: Mapping[str, Any], values: np.ndarray, reading: Any) -> tuple[Lattice, np.ndarray]:
+    """Where the points are, and the values without lines that a stated period repeats."""
+    first, fewest = next(iter(arrays.values())), MIN_POINTS[reading.interpolation]
+    finest = np.array([_precision(*pair) for pair in zip(arrays.values(), values, strict=True)])
+    purpose, leading = f" for {reading.interpolation} interpolation", 2
+    unit = finest.reshape(-1, *(1,) * (values.ndim - 1))
+    origin: list[Any] = []
+    spacings: list[Any] = []
+    for i, axis in enumerate(axis for axis in SPACE if axis in first.dims):
+        points = np.asarray(first[axis].values, np.float64)
+        check_points(axis, points, fewest, purpose)
+        start, spacing = _regular(axis, points, reading.spacing_tolerance)
+        if reading.edges[i] == "periodic":
+            numbers = np.where(np.isfinite(values), values, 0.0) / unit
+            lines = np.moveaxis(numbers, leading + i, 0)
+            period = _stated_period(first[axis], reading.period[i])
+            if period is None:
+                _check_period(axis, spacing, lines, list(arrays))
+            else:
+                count = _lines_of(axis, period, spacing, lines)
+                check_points(axis, points[:count], fewest, purpose)
+                values, spacing = np.take(values, range(count), axis=leading + i), period / count
+        origin.append(start)
+        spacings.append(spacing)
+    periodic = tuple(edge == "periodic" for edge in reading.edges)
+    return Lattice(tuple(origin), tuple(spacings), values.shape[leading:], periodic), values
+
+
+def _precision(array: Any, values: np.ndarray) -> float:
+    """By how much numbers that were the same may differ as they are stored."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return 1.0
+    largest, spread = float(np.abs(known).max()), float(np.ptp(known))
+    packed = np.ravel(array.encoding.get("scale_factor", 0.0))[0]
+    with np.errstate(over="ignore"):
+        single = np.array_equal(known.astype(np.float32), known)
+    dtype = array.dtype if array.dtype.kind == "f" else np.dtype(np.float64)
+    epsilon = np.finfo(np.float32 if single and dtype.itemsize > 4 else dtype).eps
+    return max(1e-9 * spread, 1.01 * abs(float(packed)), 8 * float(epsilon) * largest, 1e-300)
+
+
+def _regular(axis: str, points: np.ndarray, tolerance: float) -> tuple[float, float]:
     """First point and spacing of rising points; raises ValueError unless they are evenly spaced but for a
     `tolerance`, in spacings.
     """
@@ -84,7 +127,7 @@ def regular(axis: str, points: np.ndarray, tolerance: float) -> tuple[float, flo
     return start, spacing
 
 
-def stated_period(coordinate: Any, given: float | None) -> float | None:
+def _stated_period(coordinate: Any, given: float | None) -> float | None:
     """The length after which a coordinate repeats: as given, else as its attribute `period` or `modulo` has
     it."""
     if given is not None:
@@ -96,7 +139,7 @@ def stated_period(coordinate: Any, given: float | None) -> float | None:
     return None
 
 
-def lines_of(axis: str, period: float, spacing: float, lines: np.ndarray) -> int:
+def _lines_of(axis: str, period: float, spacing: float, lines: np.ndarray) -> int:
     """How many of the lines (points, ...), each in what its numbers are precise to, make up a period.
 
     Further ones are dropped. Raises ValueError where there are too few, or where they do not repeat the
@@ -115,9 +158,9 @@ def lines_of(axis: str, period: float, spacing: float, lines: np.ndarray) -> int
     return count
 
 
-def check_period(axis: str, spacing: float, lines: np.ndarray, names: Sequence[str]) -> None:
+def _check_period(axis: str, spacing: float, lines: np.ndarray, names: Sequence[str]) -> None:
     """Raises ValueError where the last lines of a periodic grid state its first ones again."""
-    if again := repeated(lines):
+    if again := _repeated(lines):
         which = "line" if again == 1 else f"{again} lines"
         raise ValueError(
             f"{axis} of a periodic grid must end one spacing before its period: the last {which} of "
@@ -126,7 +169,7 @@ def check_period(axis: str, spacing: float, lines: np.ndarray, names: Sequence[s
         )
 
 
-def repeated(lines: np.ndarray) -> int:
+def _repeated(lines: np.ndarray) -> int:
     """How many of the last lines (points, ...) are the first ones again; numbers are equal within 1.
 
     That may be chance: where lines do not vary, where they repeat within the grid, and where a grid mirrors

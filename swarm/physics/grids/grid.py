@@ -12,15 +12,14 @@ import numpy as np
 from swarm._support import files
 from swarm._support.checks import check_installed, check_name, check_number, optional
 from swarm.physics.grids import axes
-from swarm.physics.grids.bare import labelled
 from swarm.physics.grids.hdf5 import as_text
-from swarm.physics.grids.holes import FILLS, filled, whole_cells
 from swarm.physics.grids.netcdf import COORDINATES, MAX_VALUES, checksum, open_netcdf
 from swarm.physics.grids.spline import MIN_POINTS, Lattice
 from swarm.physics.grids.units import AXES, SPACE, TIME
 
 EDGES = ("periodic", "clamped")
 OUTSIDE = ("error", "held")
+FILLS = ("inside", "nearest", "zero")  # of holes: where data are missing, as on land, or no particle was seen
 
 
 class Reading(NamedTuple):
@@ -90,6 +89,7 @@ def read_grid(data: Any, names: Sequence[str] | None, reading: Reading, sha256: 
     ValueError, TypeError or OSError that names the variable, the rule and what is there instead.
     """
     check_installed("grids need", "xarray", "scipy", "h5py", "h5netcdf", "pint", extra="results")
+    reading.checked()  # before anything is read
     path = str(files.expanded(data)) if isinstance(data, (str, os.PathLike)) else None
     found = None if path is None else checksum(path)
     if found is not None and sha256 not in (None, found):
@@ -98,32 +98,29 @@ def read_grid(data: Any, names: Sequence[str] | None, reading: Reading, sha256: 
     for name, array in arrays.items():
         _check_array(name, array)
     arrays = {name: _ordered(array) for name, array in arrays.items()}
-    along = {tuple(axis for axis in SPACE if axis in array.dims) for array in arrays.values()}
-    if len(along) > 1:
-        raise ValueError(f"{', '.join(arrays)} must have the same dimensions, got {sorted(along)}")
-    reading = reading.checked(*along)
+    along, *others = {tuple(axis for axis in SPACE if axis in array.dims) for array in arrays.values()}
+    if others:
+        raise ValueError(f"{', '.join(arrays)} must have the same dimensions, got {sorted([along, *others])}")
+    reading = reading.checked(along)
     times = _times(arrays, reading)
-    first = next(iter(arrays.values()))
     moments = 1 if times is None else len(times)
-    values = np.stack([_over_time(array, moments) for array in arrays.values()])
-    lattice, values = _lattice(arrays, values, reading)
+    numbers = [np.asarray(array.values, np.float64) for array in arrays.values()]
+    values = np.stack([np.broadcast_to(each, (moments, *each.shape[-len(along) :])) for each in numbers])
+    lattice, values = axes.lattice_of(arrays, values, reading)
     known = np.isfinite(values)
     if not known.all():
         if reading.fill is None:
             _raise_hole(list(arrays), values, known, lattice)
-        values = filled(values, reading.fill, lattice.spacing, lattice.periodic)
-    everywhere = known.all(axis=(0, 1)) if reading.fill == "inside" else np.ones(lattice.shape, bool)
-    whole = None if everywhere.all() else whole_cells(everywhere, lattice.periodic)
+        values = _filled(values, reading.fill, lattice.spacing, lattice.periodic)
+    everywhere = np.all(known, axis=(0, 1)) if reading.fill == "inside" else np.ones(lattice.shape, bool)
+    whole = None if everywhere.all() else _whole_cells(everywhere, lattice.periodic)
     if whole is not None and not whole.any():
         raise ValueError(f"{', '.join(arrays)} must be finite at all corners of a grid cell, got none such")
     number = found or _digest(values, known, lattice, times)
     if sha256 not in (None, number):
         raise ValueError(f"data must have the SHA-256 {sha256}, got {number}")
-    labelled = {name: first[name] for name in first.coords if name in COORDINATES} | arrays
-    labelled = {
-        name: array for name, array in labelled.items() if name != "z" or name in (*first.dims, *arrays)
-    }
-    units = {str(name): as_text(array.attrs.get("units")) for name, array in labelled.items()}
+    axes_of_all = {str(axis): array[axis] for array in arrays.values() for axis in array.dims}
+    units = {name: as_text(array.attrs.get("units")) for name, array in (axes_of_all | arrays).items()}
     stated = {name: text for name, text in units.items() if text.strip()}
     return Grid(tuple(arrays), values, lattice, times, everywhere, whole, stated, path, number, reading)
 
@@ -145,7 +142,7 @@ def _arrays(data: Any, names: Sequence[str] | None) -> dict[str, Any]:
             raise TypeError(f"data must be a Dataset with {', '.join(names)}, got a DataArray")
         return {"data" if data.name is None else str(data.name): data}
     if isinstance(data, Mapping) and not isinstance(data, xr.Dataset):
-        data = labelled(data)
+        data = _labelled(data)
     if not isinstance(data, xr.Dataset):
         raise TypeError(
             "data must be an xarray Dataset or DataArray, or the path of a NetCDF file, "
@@ -158,6 +155,37 @@ def _arrays(data: Any, names: Sequence[str] | None) -> dict[str, Any]:
                 f"variable must be named where data hold more or less than one over x and y, got {names}"
             )
     return {name: data[check_name("variable", name, map(str, data.data_vars))] for name in names}
+
+
+def _labelled(data: Mapping[Any, Any]) -> Any:
+    """Bare arrays by name, the coordinates x, y (z and time) among them, as a Dataset: they must be in
+    order."""
+    import xarray as xr
+
+    arrays = {str(name): np.asarray(array) for name, array in data.items()}
+    along = [axis for axis in COORDINATES if axis in arrays]
+    if "z" in along and arrays["z"].ndim == len(AXES):  # a quantity
+        along.remove("z")
+    for axis in AXES:
+        if axis not in along:
+            raise ValueError(f"data must have the coordinate {axis}, got {sorted(arrays)}")
+    for axis in along:
+        axes.check_numbers(axis, arrays[axis])
+        if arrays[axis].ndim != 1:
+            raise ValueError(f"{axis} must have one dimension, got {arrays[axis].shape}")
+        axes.check_points(axis, arrays[axis], 1, "")
+        axes.check_strict(axis, arrays[axis])
+    places = tuple(axis for axis in along if axis != TIME)
+    over = {
+        tuple(len(arrays[axis]) for axis in dims): dims for dims in (places, (*along[len(places) :], *places))
+    }
+    variables = {}
+    for name in arrays.keys() - set(along):
+        if arrays[name].shape not in over:
+            shapes = " or ".join(map(str, over))
+            raise ValueError(f"{name} must have the shape {shapes} of its axes, got {arrays[name].shape}")
+        variables[name] = over[arrays[name].shape], arrays[name]
+    return xr.Dataset(variables, {axis: arrays[axis] for axis in along})
 
 
 def _check_array(name: str, array: Any) -> None:
@@ -199,55 +227,6 @@ def _times(arrays: Mapping[str, Any], reading: Reading) -> np.ndarray | None:
     return times
 
 
-def _over_time(array: Any, count: int) -> np.ndarray:
-    """Values (times, nx, ny[, nz]), of what does not change again and again."""
-    values = np.asarray(array.values, np.float64)
-    places = sum(axis in array.dims for axis in SPACE)
-    return np.broadcast_to(values, (count, *values.shape[-places:]))
-
-
-def _lattice(arrays: Mapping[str, Any], values: np.ndarray, reading: Reading) -> tuple[Lattice, np.ndarray]:
-    """Where the points are, and the values without lines that a stated period repeats."""
-    first, fewest = next(iter(arrays.values())), MIN_POINTS[reading.interpolation]
-    finest = np.array([_precision(*pair) for pair in zip(arrays.values(), values, strict=True)])
-    purpose, leading = f" for {reading.interpolation} interpolation", 2
-    unit = finest.reshape(-1, *(1,) * (values.ndim - 1))
-    origin: list[Any] = []
-    spacings: list[Any] = []
-    for i, axis in enumerate(axis for axis in SPACE if axis in first.dims):
-        points = np.asarray(first[axis].values, np.float64)
-        axes.check_points(axis, points, fewest, purpose)
-        start, spacing = axes.regular(axis, points, reading.spacing_tolerance)
-        if reading.edges[i] == "periodic":
-            numbers = np.where(np.isfinite(values), values, 0.0) / unit
-            lines = np.moveaxis(numbers, leading + i, 0)
-            period = axes.stated_period(first[axis], reading.period[i])
-            if period is None:
-                axes.check_period(axis, spacing, lines, list(arrays))
-            else:
-                count = axes.lines_of(axis, period, spacing, lines)
-                axes.check_points(axis, points[:count], fewest, purpose)
-                values, spacing = np.take(values, range(count), axis=leading + i), period / count
-        origin.append(start)
-        spacings.append(spacing)
-    periodic = tuple(edge == "periodic" for edge in reading.edges)
-    return Lattice(tuple(origin), tuple(spacings), values.shape[leading:], periodic), values
-
-
-def _precision(array: Any, values: np.ndarray) -> float:
-    """By how much numbers that were the same may differ as they are stored."""
-    known = values[np.isfinite(values)]
-    if not known.size:
-        return 1.0
-    largest, spread = float(np.abs(known).max()), float(np.ptp(known))
-    packed = np.ravel(array.encoding.get("scale_factor", 0.0))[0]
-    with np.errstate(over="ignore"):
-        single = np.array_equal(known.astype(np.float32), known)
-    dtype = array.dtype if array.dtype.kind == "f" else np.dtype(np.float64)
-    epsilon = np.finfo(np.float32 if single and dtype.itemsize > 4 else dtype).eps
-    return max(1e-9 * spread, 1.01 * abs(float(packed)), 8 * float(epsilon) * largest, 1e-300)
-
-
 def _raise_hole(names: list[str], values: np.ndarray, known: np.ndarray, lattice: Lattice) -> None:
     bad = np.argwhere(~known)
     quantity, _, *index = bad[0]
@@ -259,3 +238,43 @@ def _raise_hole(names: list[str], values: np.ndarray, known: np.ndarray, lattice
         f"(index {', '.join(map(str, index))} from the lowest {' and '.join(along)}; {len(bad)} in all); "
         f"fill, one of {', '.join(FILLS)}, says what such holes are"
     )
+
+
+def _filled(
+    values: np.ndarray, how: str | None, spacing: Sequence[float], periodic: Sequence[bool]
+) -> np.ndarray:
+    """Values (..., points along each axis) without holes: those of the nearest point there is, or 0.
+
+    Raises ValueError where there is nothing to fill from.
+    """
+    known = np.isfinite(values)
+    if how == "zero":
+        return np.where(known, values, 0.0)
+    result, axes = values.copy(), len(spacing)
+    for at in np.ndindex(values.shape[: values.ndim - axes]):
+        if not known[at].any():
+            raise ValueError(f"data must be finite somewhere, got none of {known[at].size} values")
+        if not known[at].all():
+            result[at] = values[at][_nearest(known[at], spacing, periodic)]
+    return result
+
+
+def _nearest(known: np.ndarray, spacing: Sequence[float], periodic: Sequence[bool]) -> tuple[np.ndarray, ...]:
+    """Index arrays of the nearest known point of each point."""
+    from scipy.ndimage import distance_transform_edt
+
+    widths = [length // 2 + 1 if again else 0 for length, again in zip(known.shape, periodic, strict=True)]
+    padded = np.pad(known, [(width, width) for width in widths], mode="wrap") if any(widths) else known
+    index = distance_transform_edt(~padded, spacing, return_distances=False, return_indices=True)
+    inner = tuple(slice(width, width + length) for width, length in zip(widths, known.shape, strict=True))
+    parts = zip(index, widths, known.shape, strict=True)
+    return tuple((part[inner] - width) % length for part, width, length in parts)
+
+
+def _whole_cells(known: np.ndarray, periodic: Sequence[bool]) -> np.ndarray:
+    """Which grid cells have values at all their corners, from points (points along each axis)."""
+    for axis, again in enumerate(periodic):
+        corners = np.moveaxis(known, axis, 0)
+        after = np.roll(corners, -1, 0) if again else corners[1:]
+        known = np.moveaxis(after & corners[: len(after)], 0, axis)
+    return known

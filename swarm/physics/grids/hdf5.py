@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,12 +33,12 @@ class _Bounded:
         return self._file.readinto(buffer)
 
 
-class Stored:
+class Stored(NamedTuple):
     """An open file of variables: descriptions are read piece by piece, numbers only when they are asked
     for."""
 
-    def __init__(self, file: Any, bounded: _Bounded) -> None:
-        self.file, self._bounded = file, bounded
+    file: Any
+    bounded: _Bounded
 
     def names(self) -> list[str]:
         """Of what is at the top of the file."""
@@ -55,11 +55,11 @@ class Stored:
 
     def numbers(self, item: Any) -> np.ndarray:
         """All numbers of a variable, which `check_stored` has passed."""
-        self._bounded.most = max(MAX_READ, MAX_CHUNK, item.dtype.itemsize * math.prod(item.shape))
+        self.bounded.most = max(MAX_READ, MAX_CHUNK, item.dtype.itemsize * math.prod(item.shape))
         try:
             return np.asarray(item[()])
         finally:
-            self._bounded.most = MAX_READ
+            self.bounded.most = MAX_READ
 
 
 @contextmanager
@@ -67,10 +67,8 @@ def opened(path: str | os.PathLike) -> Iterator[Stored]:
     """A file to read; errors are of any kind."""
     import h5py
 
-    with open(path, "rb") as plain:
-        bounded = _Bounded(plain)
-        with h5py.File(bounded, "r") as file:
-            yield Stored(file, bounded)
+    with open(path, "rb") as plain, h5py.File(bounded := _Bounded(plain), "r") as file:
+        yield Stored(file, bounded)
 
 
 def check_stored(name: str, item: Any, at_most: int) -> None:

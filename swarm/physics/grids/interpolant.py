@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import functools
 import numbers
+import operator
 from collections.abc import Sequence
 from typing import Any, Self
 
@@ -48,15 +50,12 @@ class Interpolant:
 
     def _inside(self, position: Array) -> Array:
         """Whether `position` (..., coordinates) lies in the domain, bool (...)."""
-        places, found = components(position), None
-        for place, (low, high), again in zip(places, self.box, self.spline.lattice.periodic, strict=True):
-            if not again:
-                within = (place >= low) & (place <= high)
-                found = within if found is None else found & within
+        places = components(position)
+        sides = zip(places, self.box, self.spline.lattice.periodic, strict=True)
+        within = [(place >= low) & (place <= high) for place, (low, high), again in sides if not again]
         if self._domain is not None:
-            whole = look_up(self._domain.like(position)[0], self.spline.cell(places))
-            found = whole if found is None else found & whole
-        return found
+            within.append(look_up(self._domain.like(position)[0], self.spline.cell(places)))
+        return functools.reduce(operator.and_, within)
 
     # --- time -----------------------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +30,7 @@ def checksum(path: str | os.PathLike) -> str:
     file = files.expanded(path)
     if not file.exists():
         raise FileNotFoundError(f"data must be a file that exists, got {file}")
-    if not file.is_file():
-        raise ValueError(f"data must be an ordinary file, got {file}")
-    if file.stat().st_size > MAX_FILE:
-        raise ValueError(f"{file} must have at most {MAX_FILE} bytes, got {file.stat().st_size}")
+    files.check_ordinary(file, at_most=MAX_FILE)
     with file.open("rb") as opened:
         return hashlib.file_digest(opened, "sha256").hexdigest()
 
@@ -79,36 +76,32 @@ def _read(path: str | os.PathLike, names: Sequence[str] | None) -> Any:
 
     with hdf5.opened(path) as file:
         stored = file.variables()
+        quantities = [name for name, item in stored.items() if not _is_coordinate(name, item)]
         if names is None:
-            grids = range(
-                len(AXES), len(COORDINATES) + 1 if _is_coordinate("z", stored) else len(COORDINATES)
-            )
-            names = [name for name, item in stored.items() if len(item.shape or ()) in grids]
-            names = [name for name in names if not _is_coordinate(name, stored)]
+            most = len(COORDINATES) - ("z" in quantities or "z" not in stored)
+            names = [name for name in quantities if len(AXES) <= len(stored[name].shape or ()) <= most]
         for name in names:
-            check_name("variable", name, [known for known in stored if not _is_coordinate(known, stored)])
-        _check([*names, *(axis for axis in AXES if axis in stored)], stored)
+            _check(check_name("variable", name, quantities), stored[name], MAX_VALUES)
         over = {axis for name in names for axis in _dimensions(name, stored[name])}
         axes = [axis for axis in COORDINATES if axis in over & stored.keys()]
         axes = [axis for axis in axes if not _only_dimension(stored[axis])]
-        _check(axes, stored)
-        wanted = {name: stored[name] for name in (*names, *axes)}
-        variables = {name: _decoded(name, item, file.numbers(item)) for name, item in wanted.items()}
+        for axis in axes:
+            _check(axis, stored[axis], MAX_POINTS)
+        variables = {name: _decoded(name, stored[name], file) for name in (*names, *axes)}
     coordinates = {axis: variables.pop(axis) for axis in axes}
     return xr.Dataset(variables, coordinates)
 
 
-def _is_coordinate(name: str, stored: Mapping[str, Any]) -> bool:
+def _is_coordinate(name: str, item: Any) -> bool:
     """Whether a name is that of a coordinate; z may also be a quantity over x and y."""
-    return name in COORDINATES and name in stored and (name != "z" or len(stored[name].shape or ()) == 1)
+    return name in COORDINATES and (name != "z" or len(item.shape or ()) == 1)
 
 
-def _check(names: Sequence[str], stored: Mapping[str, Any]) -> None:
+def _check(name: str, item: Any, at_most: int) -> None:
     """Raises where a variable is not what it should be, before any of it is read."""
-    for name in names:
-        hdf5.check_stored(name, stored[name], MAX_POINTS if _is_coordinate(name, stored) else MAX_VALUES)
-        if stored[name].dtype.kind not in "fiu" or stored[name].dtype.itemsize > 16:
-            raise ValueError(f"{name} must hold real numbers, got {stored[name].dtype}")
+    hdf5.check_stored(name, item, at_most)
+    if item.dtype.kind not in "fiu" or item.dtype.itemsize > 16:
+        raise ValueError(f"{name} must hold real numbers, got {item.dtype}")
 
 
 def _only_dimension(item: Any) -> bool:
@@ -117,7 +110,7 @@ def _only_dimension(item: Any) -> bool:
     return isinstance(label, str) and label.startswith("This is a netCDF dimension but not a netCDF variable")
 
 
-def _decoded(name: str, item: Any, numbers: np.ndarray) -> Any:
+def _decoded(name: str, item: Any, file: hdf5.Stored) -> Any:
     """A variable as xarray decodes it: unpacked, and NaN where it is missing."""
     import xarray as xr
 
@@ -127,7 +120,7 @@ def _decoded(name: str, item: Any, numbers: np.ndarray) -> Any:
         for key, value in found.items()
         if value is not None
     }
-    variable = xr.Variable(_dimensions(name, item), numbers, attributes)
+    variable = xr.Variable(_dimensions(name, item), file.numbers(item), attributes)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of several fill values, which are all taken
@@ -137,7 +130,7 @@ def _decoded(name: str, item: Any, numbers: np.ndarray) -> Any:
 
 
 def _dimensions(name: str, item: Any) -> tuple[str, ...]:
-    if name in COORDINATES and (name != "z" or len(item.shape or ()) == 1):
+    if _is_coordinate(name, item):
         if len(item.shape or ()) != 1:
             raise ValueError(f"{name} must have one dimension, got {item.shape}")
         return (name,)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from swarm._support.arrays import Array, as_array, namespace
+from swarm._support.arrays import Array, as_array, kept_for, namespace
 
 DEGREES = {"linear": 1, "cubic": 3}
 MIN_POINTS = {"linear": 2, "cubic": 4}
@@ -51,15 +51,13 @@ class Placed:
 
     def like(self, like: Array) -> tuple[Array, ...]:
         """The arrays: floats with the dtype of `like`, whole numbers as int32, flags as they are."""
-        key = (type(like).__module__, like.dtype, str(getattr(like, "device", None)))
-        kept = self._kept.get(key)
-        if kept is None:
+
+        def placed() -> tuple[Array, ...]:
             xp = namespace(like)
             dtypes = {"f": None, "i": xp.int32, "b": xp.bool}
-            kept = tuple(as_array(each, like, dtype=dtypes[each.dtype.kind]) for each in self._arrays)
-            if key[0] in ("numpy", "torch"):  # a jax tracer must not outlive its trace
-                self._kept[key] = kept
-        return kept
+            return tuple(as_array(each, like, dtype=dtypes[each.dtype.kind]) for each in self._arrays)
+
+        return kept_for(like, self._kept, placed)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_kept": {}}
@@ -92,9 +90,7 @@ class Spline:
             if self.degree == 3:
                 values = (_periodic_control if periodic else _clamped_control)(values, axis)
         widths = [beyond if periodic else (0, 0) for periodic in self.lattice.periodic]
-        return (
-            np.pad(values, [(0, 0), (0, 0), *widths], mode="wrap") if any(self.lattice.periodic) else values
-        )
+        return np.pad(values, [(0, 0), (0, 0), *widths], mode="wrap")
 
     # --- evaluation -----------------------------------------------------------------------------------------
 

@@ -7,9 +7,9 @@ however often.
 
 from __future__ import annotations
 
-import functools
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -17,19 +17,21 @@ import numpy as np
 
 from swarm._support import streams
 from swarm.optimal.physical_limit import Bounds
+from swarm.optimal.problem import Progress, part_of
 from swarm.physics.starts import NOISE_BLOCK, Starts, cells_of, draw_worlds
-from swarm.physics.world import State, World
+from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy
-from swarm.population.blocks.tally import Tally, tally
 from swarm.population.frames import Frames
 from swarm.population.results import LIVES, SERIES, STARTS, as_dataset, columns_of, origin
-from swarm.population.rollout import Moment, rollout, started
+from swarm.population.rollout import Moment, rollout
+from swarm.population.statistics import Tally, tally
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Record = Literal["statistics", "ends", "thinned", "all"]
 PROCESS, LIVING = 1.5e8, 1000.0  # [bytes] of a process, and of a living cell, measured
+NODES = 20  # of a medium, that take as much memory as a living cell
 THINNED = 48  # moments of a thinned series, at most
 
 
@@ -53,12 +55,10 @@ class PopulationTest(NamedTuple):
 
     @property
     def has_series(self) -> bool:
-        """Whether the course of lives is recorded."""
         return self.record in ("thinned", "all")
 
     @property
     def sizes(self) -> dict[str, int]:
-        """Of the whole results."""
         moments = -(-(self.world.max_decisions + 1) // self.every)
         return {"world": self.worlds, "cell": self.cells, "decision": moments}
 
@@ -76,7 +76,7 @@ class Block(NamedTuple):
 def blocks_of(test: PopulationTest) -> list[Block]:
     """The blocks of a test, in the order in which they are merged."""
     if test.cells <= streams.BLOCK or test.world.is_shared:
-        most = max(1, streams.BLOCK // test.cells)
+        most = worlds_at_once(test.world, test.cells)
         places = [(at, min(most, test.worlds - at), 0, test.cells) for at in range(0, test.worlds, most)]
     else:
         places = [
@@ -87,28 +87,30 @@ def blocks_of(test: PopulationTest) -> list[Block]:
     return [Block(number, *place) for number, place in enumerate(places)]
 
 
+def worlds_at_once(world: World, cells: int) -> int:
+    """How many worlds of so many cells are lived together."""
+    nodes = 0 if world.medium is None else math.prod(world.medium.shape)
+    return max(1, streams.BLOCK // (cells + nodes // NODES))
+
+
 def lived(
-    test: PopulationTest, block: Block, progress: Callable[[float], None] | None = None
+    test: PopulationTest, block: Block, progress: Progress | None = None
 ) -> tuple[Tally, xr.Dataset | None]:
     """The lives of a block: their tally and, unless only `statistics` are recorded, their results; `progress`
     is called with the part that is over.
     """
-    world, record = test.world, test.has_series
-    episode = test.episode + block.world
+    world, episode = test.world, test.episode + block.world
     which: dict[str, Any] = {"population": test.population, "first": block.cell}
     episodes = range(episode, episode + block.worlds)
     starts = draw_worlds(world, block.cells, test.seed, episodes, **which)
     if test.worlds == 1:
         starts = type(starts)(*(part[0] for part in starts))
-    which["episode"] = episode
-    state = started(world, starts, test.seed, **which)
-    lives_of = functools.partial(lives, world, starts=starts, seed=test.seed, every=test.every, state=state)
+    which |= {"episode": episode, "record": test.has_series, "every": test.every}
+    which["frames"] = block.number == 0
     found = {}
     for number, (name, policy) in enumerate(test.policies.items()):
-        share = 1 / len(test.policies)
-        tell = progress and functools.partial(_tell, progress, number * share, share)
-        own: dict[str, Any] = {"frames": block.number == 0, "progress": tell, **which}
-        found[name] = lives_of(policy, name=name, record=record, **own)
+        tell = part_of(progress, number / len(test.policies), (number + 1) / len(test.policies))
+        found[name] = lives(world, policy, starts, test.seed, name=name, progress=tell, **which)
     divided = len(blocks_of(test)) > 1
     places = {"every": test.every, "world": block.world, "cell": block.cell}
     indexed = test.has_series or not divided
@@ -119,16 +121,11 @@ def lived(
     return summed, None if test.record == "statistics" else results
 
 
-def _tell(progress: Callable[[float], None], before: float, share: float, part: float) -> None:
-    """Progress of what is a share of the whole as progress of the whole."""
-    progress(before + share * part)
-
-
 def each_lived(
     test: PopulationTest,
     blocks: Sequence[Block],
     executor: Executor | None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Iterator[tuple[Block, Tally, xr.Dataset | None]]:
     """Blocks as they are done, here or by an executor, which says how many `workers` it has; no more than
     twice as many are under way or waited for. `progress` is called with the part of all cells that is over.
@@ -139,7 +136,7 @@ def each_lived(
     done = cells - sum(sizes.values())
     if executor is None:
         for block in blocks:
-            tell = progress and functools.partial(_tell, progress, done / cells, sizes[block] / cells)
+            tell = part_of(progress, done / cells, (done + sizes[block]) / cells)
             yield block, *lived(test, block, tell)
             done += sizes[block]
         return
@@ -208,8 +205,7 @@ def lives(
     record: bool = False,
     every: int = 1,
     frames: bool = True,
-    state: State | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, np.ndarray]:
     """Everything measured of the lives under one policy: (cells, ...), series (cells, decisions + 1, ...) of
     so many decisions one; with several worlds (worlds, cells) stands for (cells); `frames` (frames, ...) of a
@@ -220,8 +216,8 @@ def lives(
     arrived = np.zeros(cells, bool)
     decisions = np.zeros(cells, np.int32)
     gain = maximal = np.zeros(cells)
-    which: Any = {"population": population, "episode": episode, "first": first, "state": state}
-    for number, moment in enumerate(rollout(world, policy, starts, seed, **which)):
+    moments = rollout(world, policy, starts, seed, population=population, episode=episode, first=first)
+    for number, moment in enumerate(moments):
         if progress is not None:
             progress(number / world.max_decisions)
         if record and number % every == 0:

@@ -87,7 +87,6 @@ class Storage:
         return self.folder / f"{number:07d}.safetensors"
 
     def has(self, number: int) -> bool:
-        """Whether a part is there."""
         return self._file(number).exists()
 
     def write(self, number: int, part: xr.Dataset) -> None:

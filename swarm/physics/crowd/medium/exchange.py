@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from swarm._support.arrays import added_up, namespace
-from swarm.physics.crowd.mesh import Footprint, Mesh
+from swarm.physics.crowd.medium.mesh import Footprint, Mesh
 
 Array = Any
 

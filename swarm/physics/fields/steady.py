@@ -1,14 +1,38 @@
-"""Fields that are highest at an egg: radial, a Gaussian patch, the cloud of a source."""
+"""Fields that do not change: linear, highest at an egg, from plain functions."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass
 from operator import attrgetter
 
 from swarm._support.arrays import Array, namespace
-from swarm._support.checks import Checked, check_number, check_point, optional, parameter
+from swarm._support.checks import (
+    Box,
+    Checked,
+    check_box,
+    check_function,
+    check_number,
+    check_point,
+    optional,
+    parameter,
+)
 from swarm.physics.fields.field import FIELDS, distance_squared
+
+
+@FIELDS.register("linear")
+@dataclass(frozen=True)
+class LinearField(Checked):
+    """c = c_k y + c_0 (paper: linear concentration field), in space c_k z + c_0."""
+
+    gradient_scale: float = parameter(1.0, check_number, above=0.0)  # c_k, paper table 1
+    offset: float = parameter(20.0, check_number)  # c_0, paper table 1
+
+    max_gradient = property(attrgetter("gradient_scale"))  # c_k itself
+
+    def concentration(self, position: Array) -> Array:
+        return self.gradient_scale * position[..., -1] + self.offset
 
 
 @FIELDS.register("radial")
@@ -89,3 +113,28 @@ class DiffusingSource(Checked):
     def concentration(self, position: Array) -> Array:
         softened = distance_squared(position, self.egg_position) + self.core**2
         return self.offset + self.strength * softened**-0.5
+
+
+@dataclass(frozen=True)
+class FunctionField(Checked):
+    """A field from a plain function `concentration = function(position)`, with position (..., 2) of any array
+    library, in space (..., 3).
+
+    c_k cannot be guessed from a function, so it must be given: about the root mean square of |∇c| where
+    lives start, and a world warns of one that is off by more than twice. With `max_gradient`, a bound of
+    |∇c|, the observation space is bounded by it.
+    """
+
+    function: Callable[[Array], Array] = parameter(MISSING, check_function)
+    gradient_scale: float = parameter(MISSING, check_number, above=0.0)  # c_k [concentration / length]
+    max_gradient: float | None = parameter(None, optional(check_number), above=0.0)
+    egg_position: tuple[float, ...] = parameter((0.0, 0.0), check_point)  # [length]
+    # a path that comes this close to the egg has arrived [length]
+    egg_radius: float | None = parameter(None, optional(check_number), above=0.0)
+    # position (..., 2) -> bool (...); a cell that leaves is truncated
+    inside: Callable[[Array], Array] | None = parameter(None, optional(check_function))
+    # default start box ((x, x), (y, y)), in space of three sides [length]
+    box: Box | None = parameter(None, optional(check_box))
+
+    def concentration(self, position: Array) -> Array:
+        return self.function(position)

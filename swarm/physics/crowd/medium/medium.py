@@ -9,6 +9,7 @@ leading batch axes.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,20 +29,21 @@ from swarm._support.checks import (
     optional,
     parameter,
 )
-from swarm.physics.crowd import suitability, transport
-from swarm.physics.crowd.exchange import Exchange, exchange
-from swarm.physics.crowd.mesh import WIDTHS, Box, Mesh
-from swarm.physics.crowd.transport import Waves
+from swarm.physics.crowd.medium import suitability, transport
+from swarm.physics.crowd.medium.exchange import Exchange, exchange
+from swarm.physics.crowd.medium.mesh import WIDTHS, Box, Mesh
+from swarm.physics.crowd.medium.transport import Waves
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow, StillWater
+from swarm.physics.motion.clock import frozen
 
 Array = Any
 
 
 def _check_room(name: str, value: Any) -> Box:
     box: Any = check_box(name, value)
-    if len(box) != 2 or any(low == high for low, high in box):
-        raise ValueError(f"{name} must be wider than 0, got {value!r}")
+    if len(box) != 2 or not all(0 < high - low < math.inf for low, high in box):
+        raise ValueError(f"{name} must have two sides, of lengths above 0 that are finite, got {value!r}")
     return box
 
 
@@ -123,7 +125,7 @@ class Medium(Checked):
 
     def check(self, field: Field, flow: Flow, **cells: Any) -> None:
         """Raises ValueError where the medium does not suit a world: see
-        [`suitability.check`][swarm.physics.crowd.suitability.check]."""
+        [`suitability.check`][swarm.physics.crowd.medium.suitability.check]."""
         suitability.check(self, field, flow, **cells)
 
     @cached_property
@@ -152,8 +154,7 @@ class Medium(Checked):
             origin = self.mesh.centred(origin, position, everyone)[0]
         grid = as_array(np.zeros((*batch, *self.shape)), position)
         if self.carried:
-            field = field.at(0.0) if hasattr(field, "at") else field
-            grid = xp.reshape(field.concentration(self.mesh.places(origin)), grid.shape)
+            grid = xp.reshape(frozen(field, 0.0).concentration(self.mesh.places(origin)), grid.shape)
         nothing = xp.zeros_like(position[..., 0])
         return MediumState(grid, origin, nothing, nothing, xp.sum(nothing, axis=-1), xp.sum(nothing, axis=-1))
 

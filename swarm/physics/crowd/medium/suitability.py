@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from swarm.physics.crowd.mesh import Box
-from swarm.physics.crowd.transport import ADVECTION_LIMIT
+from swarm._support.checks import check_memory
+from swarm.physics.crowd.medium.mesh import Box
+from swarm.physics.crowd.medium.transport import ADVECTION_LIMIT
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow, StillWater
+from swarm.physics.motion.clock import frozen
 
 Medium = Any  # a `swarm.Medium`
 
@@ -28,6 +30,8 @@ def substeps(medium: Medium, flow: Flow, speed: float, interval: float) -> int:
     """
     fastest = _fastest_wave(medium, flow) * interval
     if medium.substeps is not None:
+        if medium.substeps > MOST_SUBSTEPS:
+            raise ValueError(f"medium.substeps must be at most {MOST_SUBSTEPS}, got {medium.substeps}")
         if fastest > ADVECTION_LIMIT * medium.substeps:
             needed = math.ceil(fastest / ADVECTION_LIMIT)
             rule = (
@@ -51,8 +55,7 @@ def _fastest_wave(medium: Medium, flow: Flow) -> float:
     bound = getattr(flow, "max_speed", None)
     if bound is not None:
         return float(bound * np.hypot(*shortest))
-    flow = flow.at(0.0) if hasattr(flow, "at") else flow
-    velocity = flow.velocity(medium.mesh.places(medium.mesh.corner(np.zeros(2))))
+    velocity = frozen(flow, 0.0).velocity(medium.mesh.places(medium.mesh.corner(np.zeros(2))))
     return float((np.abs(velocity) @ shortest).max())
 
 
@@ -71,13 +74,16 @@ def check(
     `interval`, `speed` and `curvature` are the longest, highest and tightest of the world's cells. Warns
     where what is carried meets itself at the edges.
     """
+    rows, columns = medium.shape  # a matrix spreads along each axis, with waves and slopes
+    needed = 8.0 * (8 * rows * columns + 5 * (rows**2 + columns**2))
+    check_memory(needed, f"medium.shape must be of nodes that fit into memory, got {medium.shape}")
     substeps(medium, flow, speed, interval)
     _check_box(medium, start_box)
     widest = max(medium.mesh.spacing)
     if widest > 1 / curvature:
         rule = f"shape must put nodes at most {1 / curvature:g} apart, the radius of the tightest circle"
         raise ValueError(f"medium.{rule}, got {medium.shape}, which are {widest:g} apart")
-    field = field.at(0.0) if hasattr(field, "at") else field
+    field = frozen(field, 0.0)
     origin = medium.mesh.corner(np.zeros(2))
     concentration = np.asarray(field.concentration(medium.mesh.places(origin))).reshape(medium.shape)
     lowest = float(concentration.min())
@@ -126,32 +132,23 @@ def _check_edges(medium: Medium, flow: Flow, concentration: np.ndarray) -> None:
     edges = np.concatenate([concentration[[0, -1]].ravel(), concentration[:, [0, -1]].ravel()])
     nothing = EDGE * float(np.abs(concentration).max())
     highest = float(np.abs(edges).max())
-    steps = [
-        (
-            np.abs(concentration.take(0, axis) - concentration.take(-1, axis)).max(),
-            np.diff(concentration, axis=axis),
-        )
-        for axis in (0, 1)
-    ]
+    across = [np.abs(concentration.take(0, axis) - concentration.take(-1, axis)).max() for axis in (0, 1)]
+    within = [np.abs(np.diff(concentration, axis=axis)).max() for axis in (0, 1)]
     if highest > nothing and not _goes_on(medium, flow):
         rule = "a field that vanishes at the edges, because the flow does not go on there"
         warnings.warn(f"medium.carried needs {rule}, got a concentration of {highest:.3g}", stacklevel=4)
-    elif medium.mesh.periodic and any(
-        across > nothing + 2 * np.abs(within).max() for across, within in steps
-    ):
+    elif medium.mesh.periodic and any(np.greater(across, nothing + 2 * np.array(within))):
         rule = "a field that goes on beyond periodic edges"
-        step = max(float(across) for across, _ in steps)
-        warnings.warn(f"medium.carried needs {rule}, got a step of {step:.3g} there", stacklevel=4)
+        warnings.warn(f"medium.carried needs {rule}, got a step of {max(across):.3g} there", stacklevel=4)
 
 
 def _goes_on(medium: Medium, flow: Flow) -> bool:
     """Whether the flow is the same at opposite edges, or passes none where nothing may."""
-    flow = flow.at(0.0) if hasattr(flow, "at") else flow
     coordinates = medium.mesh.coordinates(medium.mesh.corner(np.zeros(2)))
     for axis, (low, high) in enumerate(medium.box):
         places = np.empty((2, medium.shape[1 - axis], 2))
         places[..., 1 - axis], places[..., axis] = coordinates[1 - axis], [[low], [high]]
-        velocity = flow.velocity(places)
+        velocity = frozen(flow, 0.0).velocity(places)
         stray = velocity[0] - velocity[1] if medium.mesh.periodic else velocity[..., axis]
         if np.abs(stray).max() > EDGE * max(flow.speed_scale, float(np.abs(velocity).max())):
             return False
