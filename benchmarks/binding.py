@@ -19,8 +19,9 @@ from swarm.optimal.physical_limit import limit
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from swarm.population.statistics import margin, mean_interval
+from trainers.jobs.statistics import estimate, sample
 from trainers.jobs.study import study
-from trainers.jobs.study_figure import estimate, lives_at, sample
+from trainers.jobs.study_figure import lives_at
 
 FILE, FOLDER = Path("configs/study/binding.yaml"), Path("runs/binding")
 RATE, MEMORY, OWN = "world.binding_rate", "memory", "own"

@@ -23,8 +23,7 @@ import torch
 
 from trainers.settings.composition import settings_from
 from trainers.settings.schema import Settings
-from trainers.training.loop import Training
-from trainers.training.validation import Validation
+from trainers.training.loop import Training, Validation
 
 MARKS = (0.97, 0.99)
 AT_MOST = 1.0  # of Stable-Baselines3's time
@@ -139,50 +138,64 @@ def watched_training(training: Training, pace: Pace, marks: Sequence[float] = MA
 def stable_baselines3(experiment: str, seed: int, changed: dict[str, Any], pace: Pace) -> list[float]:
     """Seconds to each mark, infinite where it is not passed; then the last policy's part of the limit."""
     from stable_baselines3 import DQN
+
+    settings = settings_of(experiment, seed, changed)
+    learning = settings.learning
+    total = learning.epochs * settings.training_world().max_decisions * learning.n_swimmers
+    rate = learning.learning_rate
+    options = {
+        "learning_rate": lambda left: rate * left,
+        "batch_size": learning.batch_size,
+        "buffer_size": learning.buffer_size,
+        "learning_starts": learning.batch_size,
+        "gamma": learning.discount,
+        "n_steps": learning.n_steps,
+        "train_freq": learning.collect,
+        "gradient_steps": learning.updates,
+        "tau": learning.target_rate,
+        "target_update_interval": learning.n_swimmers,  # every decision of all cells
+        "exploration_initial_eps": learning.epsilon_start,
+        "exploration_final_eps": learning.epsilon_end,
+        "exploration_fraction": learning.epsilon_fraction,
+        "policy_kwargs": {"net_arch": list(learning.hidden), "activation_fn": torch.nn.Tanh},
+    }
+    return watched_model(DQN, options, settings, total, pace, MARKS, lambda model: model.q_net.q_net)
+
+
+def watched_model(
+    kind: Callable[..., Any],
+    options: dict[str, Any],
+    settings: Settings,
+    total: int,
+    pace: Pace,
+    marks: Sequence[float],
+    network_of: Callable[[Any], Any],
+) -> list[float]:
+    """As `watched_training`, for a model of Stable-Baselines3 that learns from `total` decisions."""
     from stable_baselines3.common.callbacks import BaseCallback
 
     from swarm.envs.stable_baselines3 import SpermSwarmVecEnv
 
-    settings = settings_of(experiment, seed, changed)
-    learning, checked, world = settings.learning, settings.validation, settings.training_world()
-    cells = SpermSwarmVecEnv(learning.n_swimmers, world=world)
-    cells.seed(seed)
+    checked, world = settings.validation, settings.training_world()
+    cells = SpermSwarmVecEnv(settings.learning.n_swimmers, world=world)
+    cells.seed(settings.seed)
 
     class Looking(BaseCallback):
         def _on_training_start(self) -> None:
             watch.since = process_time()
 
         def _on_rollout_start(self) -> None:  # after a round of updates
-            watch.look(self.model.q_net.q_net)
+            watch.look(network)
 
         def _on_step(self) -> bool:
             return not watch.over
 
-    total = learning.epochs * world.max_decisions * learning.n_swimmers
-    rate = learning.learning_rate
-    model = DQN(
-        "MlpPolicy",
-        cells,
-        seed=seed,
-        device="cpu",
-        learning_rate=lambda left: rate * left,
-        batch_size=learning.batch_size,
-        buffer_size=learning.buffer_size,
-        learning_starts=learning.batch_size,
-        gamma=learning.discount,
-        n_steps=learning.n_steps,
-        train_freq=learning.collect,
-        gradient_steps=learning.updates,
-        tau=learning.target_rate,
-        target_update_interval=learning.n_swimmers,  # every decision of all cells
-        exploration_initial_eps=learning.epsilon_start,
-        exploration_final_eps=learning.epsilon_end,
-        exploration_fraction=learning.epsilon_fraction,
-        policy_kwargs={"net_arch": list(learning.hidden), "activation_fn": torch.nn.Tanh},
-    )
-    watch = Watch(Validation(world.replace(life=checked.life), checked.cells, [seed]), pace)
+    model = kind("MlpPolicy", cells, seed=settings.seed, device="cpu", **options)
+    network = network_of(model)
+    validation = Validation(world.replace(life=checked.life), checked.cells, [settings.seed])
+    watch = Watch(validation, pace, marks)
     model.learn(total, callback=Looking())
-    return [*watch.reached, watch.part_of_limit(model.q_net.q_net)]
+    return [*watch.reached, watch.part_of_limit(network)]
 
 
 LEARNERS: dict[str, tuple[Callable[..., list[float]], dict[str, dict[str, Any]]]] = {

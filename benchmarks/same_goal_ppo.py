@@ -10,17 +10,15 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
-from time import process_time
 from typing import Any
 
 import numpy as np
 import torch
 
-from benchmarks.same_goal import Pace, Watch, watched_training
+from benchmarks.same_goal import Pace, watched_model, watched_training
 from trainers.settings.composition import settings_from
 from trainers.settings.schema import Settings
 from trainers.training.loop import Training
-from trainers.training.validation import Validation
 
 MARK = 0.985
 AT_MOST = 1.0  # of the shorter time of Stable-Baselines3
@@ -38,38 +36,15 @@ def ours(seed: int) -> list[float]:
     return watched_training(Training(settings_of(seed)), PACE, [MARK])
 
 
-def stable_baselines3(seed: int, rollout: int | None = None) -> list[float]:
-    """As `ours`; `rollout` is the number of decisions of a cell between two rounds of updates."""
+def stable_baselines3(seed: int, **options: int) -> list[float]:
+    """As `ours`, with `options` of its PPO."""
     from stable_baselines3 import PPO
-    from stable_baselines3.common.callbacks import BaseCallback
 
-    from swarm.envs.stable_baselines3 import SpermSwarmVecEnv
+    def likelihood(model: Any) -> Callable[[torch.Tensor], torch.Tensor]:
+        policy = model.policy
+        return lambda seen: policy.action_net(policy.mlp_extractor.forward_actor(seen))
 
-    settings = settings_of(seed)
-    checked, world = settings.validation, settings.training_world()
-    cells = SpermSwarmVecEnv(settings.learning.n_swimmers, world=world)
-    cells.seed(seed)
-
-    class Looking(BaseCallback):
-        def _on_training_start(self) -> None:
-            watch.since = process_time()
-
-        def _on_rollout_start(self) -> None:  # after a round of updates
-            watch.look(likelihood)
-
-        def _on_step(self) -> bool:
-            return not watch.over
-
-    given = {} if rollout is None else {"n_steps": rollout}
-    model = PPO("MlpPolicy", cells, seed=seed, device="cpu", **given)
-
-    def likelihood(seen: torch.Tensor) -> torch.Tensor:
-        policy: Any = model.policy
-        return policy.action_net(policy.mlp_extractor.forward_actor(seen))
-
-    watch = Watch(Validation(world.replace(life=checked.life), checked.cells, [seed]), PACE, [MARK])
-    model.learn(10**8, callback=Looking())
-    return [*watch.reached, watch.part_of_limit(likelihood)]
+    return watched_model(PPO, options, settings_of(seed), 10**8, PACE, [MARK], likelihood)
 
 
 def run() -> list[dict[str, Any]]:
@@ -79,7 +54,7 @@ def run() -> list[dict[str, Any]]:
     learners: dict[str, Callable[[int], list[float]]] = {"ours": ours}
     if importlib.util.find_spec("stable_baselines3") is not None:
         learners["Stable-Baselines3"] = stable_baselines3
-        learners["Stable-Baselines3, rollouts of a life"] = lambda seed: stable_baselines3(seed, life)
+        learners["Stable-Baselines3, rollouts of a life"] = lambda seed: stable_baselines3(seed, n_steps=life)
     found = {name: np.array([learner(seed) for seed in SEEDS]) for name, learner in learners.items()}
     medians = {name: float(np.median(values[:, 0])) for name, values in found.items()}
     theirs = min((time for name, time in medians.items() if name != "ours"), default=None)

@@ -27,7 +27,6 @@ from benchmarks.timing import resident_bytes
 from swarm._support import files
 from trainers.settings.composition import settings_from
 from trainers.training import checkpoint as checkpoints
-from trainers.training import snapshot as snapshots
 from trainers.training.loop import Training
 
 COLUMNS = ("minutes", "megabytes", "open_files", "training_speed", "stepping_speed", "epochs", "steps")
@@ -67,7 +66,7 @@ class Work:
 
     def save(self, folder: Path) -> None:
         """A checkpoint."""
-        held = snapshots.tensors_of(self.training), snapshots.record_of(self.training)
+        held = checkpoints.tensors_of(self.training), checkpoints.record_of(self.training)
         checkpoints.write(folder, self.training.epoch, *held, dataclasses.asdict(self.settings))
 
     def sample(self, seconds: float) -> tuple[float, float, int, int]:

@@ -91,3 +91,7 @@ def _end(line: str) -> None:
         os.write(2, f"swarm: {line}\n".encode())
     finally:
         os._exit(2)
+
+
+if __name__ == "__main__":
+    main()

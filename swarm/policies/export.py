@@ -44,7 +44,8 @@ def cost(network: Network) -> Cost:
 
 
 def export_policy(network: Network, path: str | os.PathLike, format: str) -> Cost:
-    """Writes a network as "onnx", "c" or "json" to a new file, whole or not at all; returns what it costs.
+    """Writes a network as "onnx", "c" or "json" to a new file, whole or not at all, whose folder is made;
+    returns what it costs.
 
     All take an observation (N_T · features) in float32, whose numbers are named in the file, and give a value
     per action, or the curvature of a network that chooses one; a recurrent network, which goes to JSON alone,
@@ -59,7 +60,9 @@ def export_policy(network: Network, path: str | os.PathLike, format: str) -> Cos
         raise PolicyError(f"format must be json for a recurrent network, got {format!r}")
     if target.exists() or target.is_symlink():
         raise FileExistsError(f"{target} must be a new file: what is there is never overwritten")
-    files.write_bytes(target, encode(network, _identifier(target.name.partition(".")[0])))
+    data = encode(network, _identifier(target.name.partition(".")[0]))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    files.write_bytes(target, data)
     return cost(network)
 
 

@@ -20,7 +20,7 @@ from trainers.paper import stacks
 from trainers.paper.plan import EXPERIMENTS, Plan, trainings
 from trainers.paper.reproduction import FILES, ReproductionError, reproduce
 from trainers.paper.zoo import ship
-from trainers.training import validation as validating
+from trainers.training import loop as validating
 from trainers.training.run_folder import RunFolder
 
 WORDS = ("world.life=8.0", "learning.epochs=4", "learning.batch_size=16", "validation.every=2")

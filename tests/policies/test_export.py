@@ -117,11 +117,19 @@ def test_the_command_writes_once_and_says_what_it_costs(tmp_path, monkeypatch):
     for words, rule in (
         (("zoo:linear_n4", "--format", "c"), "must be a new file"),
         (("zoo:linear_n4", "--format", "jsn"), "did you mean 'json'?"),
-        (("greedy", "--format", "c", "--out", "a.h"), "must be a policy file"),
+        (
+            ("greedy", "--format", "c", "--out", "a/b.h"),
+            "policy must be a network to be exported, got 'greedy'",
+        ),
+        (("optimal", "--format", "onnx"), "must be a network to be exported, got 'optimal'"),
+        (("gredy", "--format", "c"), "gredy must be a policy file or a folder with a policy.safetensors"),
+        (("zoo:linear_n4", "--format", "c", "--out", "linear_n4.h/x.h"), "linear_n4.h"),
     ):
         code, text = run(*words)
         assert (code, rule in text) == (2, True), text
     assert [each.name for each in tmp_path.iterdir()] == ["linear_n4.h"]
+    assert run("zoo:linear_n4", "--format", "json", "--out", "deep/er/x.json")[0] == 0
+    assert (tmp_path / "deep/er/x.json").exists()
     with pytest.raises(PolicyError, match="policy must be a network to be exported, got Greedy"):
         export_policy(Greedy(), tmp_path / "x.h", "c")
 

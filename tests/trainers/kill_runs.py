@@ -74,12 +74,6 @@ def run_to_end(folder):
     return time.monotonic() - started
 
 
-def warm_up(folder):
-    """Imports and computes here once what every child would."""
-    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
-        cli.training.begin(dataclasses.replace(SETTINGS, learning=short_settings().learning), folder)
-
-
 def killed_run(folder, longest, moments, most):
     """Kills a run up to `most` times, then lets it end; returns the number of kills."""
     for kills in range(most):
@@ -99,7 +93,8 @@ def main(wanted, parent, seed):
     torch.set_num_threads(1)
     provenance.commit()  # once: files may be edited meanwhile
     moments = random.Random(seed)
-    warm_up(parent / "warm")
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):  # what every child would
+        cli.training.begin(dataclasses.replace(SETTINGS, learning=short_settings().learning), parent / "warm")
     seconds = run_to_end(parent / "whole")
     whole, kills, count = runs.RunFolder(parent / "whole"), 0, 0
     while kills < wanted:

@@ -11,7 +11,8 @@ import torch
 from swarm._support import files
 from tests.short_runs import Crash
 from trainers.training import checkpoint as checkpoints
-from trainers.training.checkpoint import MANIFEST, TENSORS, CheckpointError, read_newest, tidy, write
+from trainers.training.checkpoint import MANIFEST, TENSORS, CheckpointError, read_newest, write
+from trainers.training.run_folder import CHECKPOINTS, RunFolder
 
 SETTINGS = {"experiment": "linear_n4", "seed": 0, "learning": {"epochs": 9}}
 
@@ -44,16 +45,8 @@ def damage(path, place, change=lambda byte: byte ^ 1):
 def test_what_is_read_is_what_was_written(tmp_path):
     save(tmp_path, 5)
     found, record, complaints = read_newest(tmp_path, SETTINGS)
-    assert found.keys() == tensors(5).keys()
-    for name, value in tensors(5).items():
-        assert found[name].dtype == value.dtype
-        assert torch.equal(found[name], value)
-    assert record == {"epoch": 5, "cursor": 7}
-    assert complaints == []
-
-
-def test_where_there_is_no_checkpoint_there_is_none_to_read(tmp_path):
-    assert read_newest(tmp_path, SETTINGS) is None
+    torch.testing.assert_close(found, tensors(5), rtol=0.0, atol=0.0)
+    assert (record, complaints) == ({"epoch": 5, "cursor": 7}, [])
     assert read_newest(tmp_path / "not there", SETTINGS) is None
 
 
@@ -124,14 +117,6 @@ def test_where_all_are_damaged_the_error_names_them_and_what_to_do(tmp_path):
     assert "\n" not in str(error.value)
 
 
-def test_one_of_other_settings_is_refused_and_the_keys_named(tmp_path):
-    save(tmp_path, 1)
-    with pytest.raises(CheckpointError, match=r"epoch_000001 must come from this run, .* experiment, seed$"):
-        read_newest(tmp_path, SETTINGS | {"seed": 1, "experiment": "radial"})
-    with pytest.raises(CheckpointError, match="differs from its settings in device"):
-        read_newest(tmp_path, SETTINGS | {"device": "cuda"})
-
-
 def test_one_of_a_newer_version_is_refused_not_called_damaged(tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoints, "FORMAT", checkpoints.FORMAT + 1)
     save(tmp_path, 1)
@@ -140,14 +125,6 @@ def test_one_of_a_newer_version_is_refused_not_called_damaged(tmp_path, monkeypa
         CheckpointError, match=r"must have format 2, .* got 3: go on with the version that wrote it"
     ):
         read_newest(tmp_path, SETTINGS)
-
-
-def test_files_larger_than_expected_are_not_read(tmp_path):
-    save(tmp_path, 1)
-    size = (tmp_path / "epoch_000001" / TENSORS).stat().st_size
-    read_newest(tmp_path, SETTINGS, at_most=size)
-    with pytest.raises(CheckpointError, match=f"must have at most {size - 1} bytes, got {size}"):
-        read_newest(tmp_path, SETTINGS, at_most=size - 1)
 
 
 OPERATIONS = [
@@ -166,7 +143,7 @@ def test_a_crash_at_any_operation_leaves_a_valid_checkpoint(tmp_path, monkeypatc
     """Every call to the file system while a checkpoint is written is the last one once."""
     crashes = 0
     for number in range(100):
-        folder = tmp_path / f"{number}"
+        folder = tmp_path / f"{number}" / CHECKPOINTS
         for epoch in (1, 2):
             save(folder, epoch)
         calls = iter(range(100))
@@ -194,27 +171,8 @@ def test_a_crash_at_any_operation_leaves_a_valid_checkpoint(tmp_path, monkeypatc
                 break
         assert newest(folder)[0] in (2, 3)
         assert newest(folder)[1] == []
-        tidy(folder)
+        RunFolder(folder.parent).tidy()
         save(folder, 3)
         assert newest(folder) == (3, [])
         assert {path.name for path in folder.iterdir()} == {"epoch_000002", "epoch_000003"}
     assert crashes >= 10
-
-
-def test_a_half_written_file_of_a_crash_is_never_taken_for_a_checkpoint(tmp_path, monkeypatch):
-    save(tmp_path, 1)
-
-    def half(path, data):
-        with open(path, "wb") as file:
-            file.write(data[: len(data) // 2])
-        raise Crash
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "write_bytes", half)
-        patch.setattr(shutil, "rmtree", lambda *arguments, **options: None)  # no time to clean up
-        with pytest.raises(Crash):
-            save(tmp_path, 2)
-    assert len(list(tmp_path.iterdir())) == 2
-    assert newest(tmp_path) == (1, [])
-    tidy(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["epoch_000001"]

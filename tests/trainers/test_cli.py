@@ -18,26 +18,18 @@ from typer.testing import CliRunner
 
 import swarm
 from swarm import Network, load_policy, save_policy
-from swarm._support import files
 from swarm._support.tables import percent
 from swarm.population.results import load_population, world_of
 from tests.short_runs import short_settings, start, whole
 from trainers import cli
 from trainers.cli import app, listing
 from trainers.cli.app import ORDER
-from trainers.training import run_folder as runs
 
-COMMAND = [sys.executable, "-c", "from trainers.command import main; main()"]
+COMMAND = [sys.executable, "-m", "trainers.command"]
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[2]), "OMP_NUM_THREADS": "1"}
 SHORT = [
-    "learning.epochs=2",
-    "learning.n_swimmers=3",
-    "learning.batch_size=8",
-    "learning.buffer_size=100",
-    "world.life=4",
-    "validation.life=4",
-    "validation.cells=2",
-    "evaluation.life=4",
-    "evaluation.cells=3",
+    *("learning.epochs=2", "learning.n_swimmers=3", "learning.batch_size=8", "learning.buffer_size=100"),
+    *("world.life=4", "validation.life=4", "validation.cells=2", "evaluation.life=4", "evaluation.cells=3"),
     "tensorboard=false",
 ]
 
@@ -85,10 +77,7 @@ def policy(path="policy.safetensors", **card):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["sed=1"], "settings have no key 'sed'; did you mean 'seed'?"),
-        (["+foo=1"], "a setting must be written key=value, got '+foo=1'"),
         (["--seed", "1"], "a setting must be written key=value, got '--seed'"),
-        (["experiment=linear_3"], "did you mean 'linear_n"),
         (["device=cuda:77"], "device must be one that torch finds here"),
         (["learning.buffer_size=10000000000000"], "GiB of memory"),
         (["resume=a", "seed=1"], "nothing else may be given, got resume=a seed=1"),
@@ -149,9 +138,9 @@ def test_commands_are_listed_in_the_order_of_their_use():
     assert re.findall(r"^│ (\w+) ", out, re.MULTILINE)[-len(ORDER) :] == list(ORDER)
 
 
-@pytest.mark.parametrize("words", [["train"], ["evaluate"], ["watch"]])
-def test_help_names_what_can_be_chosen(words):
-    code, out, _ = run(*words, "--help")
+@pytest.mark.parametrize("command", ["train", "evaluate", "watch"])
+def test_help_names_what_can_be_chosen(command):
+    code, out, _ = run(command, "--help")
     assert code == 0
     assert "taylor_green_blind" in out
     assert "{" not in out.replace("{policy}", "")
@@ -210,8 +199,7 @@ def test_list_tells_of_a_part_that_a_user_has_registered(monkeypatch):
 def test_a_command_whose_output_nobody_reads_ends_as_others_do(words):
     reader, writer = os.pipe()
     os.close(reader)
-    command = [sys.executable, "-c", COMMAND[-1], *words.split()]
-    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, env=ENVIRONMENT)
+    done = subprocess.run([*COMMAND, *words.split()], stdout=writer, stderr=subprocess.PIPE, env=ENVIRONMENT)
     os.close(writer)
     assert (done.returncode, done.stderr) == (-signal.SIGPIPE, b"")
 
@@ -223,10 +211,7 @@ def test_a_command_whose_output_nobody_reads_ends_as_others_do(words):
         (["nowhere/at/all"], "nowhere/at/all"),
         (["zoo:nothing"], "nothing"),
         (["greedy", "--experiment", "linear_n3"], "did you mean"),
-        (["greedy", "--cells", "0"], "cells must be a whole number of at least 1, got 0"),
         (["greedy", "--life", "nan"], "life must be a finite number above 0, got nan"),
-        (["greedy", "--seed", "-1"], "seed must not be negative, got -1"),
-        (["greedy", "--noise", "-1"], "concentration_noise must be a finite number of at least 0"),
         (["greedy", "--noise", "0,much"], "--noise must be numbers, separated by commas, got '0,much'"),
         (["greedy", "--noise", "0.1,0.1"], "levels of noise must be at least one, and rise"),
         (["greedy", "--noise", "0", "--noise-kind", "curvatur"], "did you mean 'curvature'?"),
@@ -239,20 +224,17 @@ def test_a_command_whose_output_nobody_reads_ends_as_others_do(words):
         (["zoo:radial", "--against", "zoo:linear_n8"], "policy 'zoo:linear_n8' must be able to steer cells"),
         (["zoo:radial", "--against", "greedy", "--worlds", "7"], "worlds must be a multiple of 2"),
         (["greedy", "--against", "random", "--noise", "0,0.1"], "--noise must be one level with --against"),
-        (["greedy", "--worlds", "0", "--noise", "0,0.1"], "worlds must be a whole number of at least 1"),
         (["greedy", "--worlds", "0"], "worlds must be a whole number of at least 1, got 0"),
         (["greedy", "--noise", "0,0.1", "--out", "taken"], "taken must be a new or an empty folder"),
         (["policy.safetensors", "--experiment", "linear_n8"], "must fit what the world's cells observe"),
         (["greedy", "--out", "taken"], "taken must be a new or an empty folder"),
         (["greedy", "--out", "/dev/null/out", "--cells", "2", "--life", "2"], "/dev/null"),
         (["pickle.safetensors"], "it looks like a pickle"),
-        (["/dev/zero"], "must be an ordinary file"),
     ],
 )
 def test_evaluate_refuses_what_it_cannot_do(words, said):
     policy()
     Path("pickle.safetensors").write_bytes(pickle.dumps(print))
-    Path("empty").mkdir()
     Path("taken").mkdir()
     Path("taken/notes.txt").write_text("mine")
     assert said in refused("evaluate", *words)
@@ -278,19 +260,6 @@ def test_evaluate_refuses_a_card_that_describes_no_world(settings):
         refused("evaluate", "policy.safetensors", "--life", "2")
 
 
-@pytest.mark.parametrize("name", ["optimal", "policy.safetensors"])
-def test_evaluate_prints_a_table_and_fills_a_folder(name):
-    policy(experiment="linear_n4")
-    code, out, _ = run("evaluate", name, "--cells", "4", "--life", "4", "--seed", "2", "--out", "found")
-    assert code == 0
-    assert "gain" in out
-    summary = json.loads(Path("found/summary.json").read_text())
-    assert (summary["cells"], summary["life"], summary["seed"]) == (4, 4.0, 2)
-    assert {"population.nc", "summary.json", "gains.png", "centerlines.png"} <= {
-        path.name for path in Path("found").iterdir()
-    }
-
-
 def test_evaluate_draws_gain_against_noise():
     policy(experiment="linear_n4")
     short = ["--cells", "2", "--life", "4"]
@@ -301,29 +270,26 @@ def test_evaluate_draws_gain_against_noise():
     assert {path.name for path in Path("found").iterdir()} == {"noise.nc", "noise.csv", "noise.png"}
 
 
-def test_evaluate_rebuilds_the_sensor_that_a_policy_was_trained_with():
+def test_evaluate_fills_a_folder_to_watch_and_rebuilds_the_sensor_of_the_training():
     sensor = {"type": "memory_with_neighbours", "k": 1, "range": 2.5}
     words = ("world.sensor={type: memory_with_neighbours, k: 1, range: 2.5}", "hydra.run.dir=seeing")
     assert run("train", "seed=1", *SHORT, *words)[0] == 0
     assert load_policy("seeing").card["sensor"] == sensor
-    code, _, said = run("evaluate", "seeing", "--cells", "3", "--life", "4", "--out", "found")
+    sizes = ["--cells", "3", "--life", "4", "--seed", "2"]
+    code, out, said = run("evaluate", "seeing", *sizes, "--out", "found")
     assert code == 0, said
+    assert "gain" in out
+    summary = json.loads(Path("found/summary.json").read_text())
+    assert (summary["cells"], summary["life"], summary["seed"]) == (3, 4.0, 2)
+    assert {"gains.png", "centerlines.png"} <= {path.name for path in Path("found").iterdir()}
     assert world_of(load_population("found/population.nc")).described()["sensor"] == sensor
+    assert "written to page.html" in run("watch", "found/population.nc", "--out", "page.html")[1]
+    text = Path("page.html").read_text(encoding="utf-8")
+    assert all(f'"name": "{name}"' in text for name in ("dqn", "greedy", "swinging"))
 
 
 def test_evaluate_races_policies_against_each_other():
-    words = [
-        "evaluate",
-        "zoo:radial",
-        "--against",
-        "greedy",
-        "--share",
-        "0.25",
-        "--cells",
-        "8",
-        "--worlds",
-        "8",
-    ]
+    words = ["evaluate", "zoo:radial", "--against", "greedy", "--share", "0.25", "--cells", "8"]
     code, out, _ = run(*words, "--worlds", "8", "--life", "20", "--out", "found")
     assert code == 0
     assert {line.split()[0] for line in out.splitlines()[-3:-1]} == {"zoo:radial", "greedy"}
@@ -369,13 +335,8 @@ def test_compare_prints_and_writes_tables_and_figures_in_every_format():
     code, printed, _ = run(*words, "--format", "md")
     assert (code, printed.splitlines()[1][:5]) == (0, "| :--")
     assert run(*words, "--out", "found", "--format", "md,tex, pdf,svg")[0] == 0
-    beginnings = {
-        "md": b"| runs",
-        "tex": rb"\begin{tabular}",
-        "pdf": b"%PDF",
-        "svg": b"<?xml",
-        "csv": b"runs,",
-    }
+    beginnings = {"md": b"| runs", "tex": rb"\begin{tabular}", "csv": b"runs,"}
+    beginnings |= {"pdf": b"%PDF", "svg": b"<?xml"}
     found = {path.suffix[1:]: path.read_bytes() for path in Path("found").iterdir()}
     assert {kind: found.pop(kind)[: len(start)] for kind, start in beginnings.items()} == beginnings
     assert json.loads(found.pop("json"))["groups"][0]["life"] == 3.0
@@ -385,18 +346,11 @@ def test_compare_prints_and_writes_tables_and_figures_in_every_format():
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["greeedy", "--out", "a.gif"], "did you mean 'greedy'?"),
         (["greedy", "--out", "nowhere/a.gif"], "nowhere"),
         (["greedy", "--out", "loop/a.gif"], "the folder of loop/a.gif must be there"),
-        (["greedy", "--out", f"{'x' * 300}/a.gif"], "File name too long: xxx"),
-        (["greedy", "--cells", "0", "--out", "a.gif"], "must be a whole number of at least 1, got 0"),
         (["greedy", "--life", "nan", "--out", "a.gif"], "life must be a finite number above 0"),
         (["greedy", "--out", "a.xyz"], "out must end in .gif, .mp4, .html, got a.xyz"),
-        (["greedy", "--size", "2000", "--out", "a.gif"], "size must be at most 720 pixels"),
-        (["greedy", "--size", "300", "--out", "a.html"], "size must come with a film"),
-        (["nowhere.nc", "--out", "a.html"], "nowhere.nc holds no results of a population test: it is not"),
         (["text.nc", "--out", "a.html"], "holds no results of a population test: it must be a NetCDF"),
-        (["text.nc", "--out", "a.gif"], "out must end in .html, got a.gif"),
         (["text.nc", "--life", "3", "--out", "a.html"], "--life must be left out, text.nc holds lives"),
     ],
 )
@@ -404,15 +358,6 @@ def test_watch_refuses_what_it_cannot_do(words, said):
     Path("text.nc").write_text("no numbers")
     Path("loop").symlink_to("loop")
     assert said in refused("watch", *words)
-
-
-def test_watch_makes_a_page_of_a_stored_population():
-    run("evaluate", "random", "--cells", "3", "--life", "4", "--out", "found")
-    code, out, _ = run("watch", "found/population.nc", "--out", "page.html")
-    assert code == 0
-    assert "written to page.html" in out
-    text = Path("page.html").read_text(encoding="utf-8")
-    assert all(f'"name": "{name}"' in text for name in ("random", "greedy", "swinging"))
 
 
 @pytest.mark.parametrize(
@@ -444,13 +389,9 @@ def test_arguments_that_cannot_be_understood_are_named(words, said):
     assert said in usage(*words)
 
 
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[2]), "OMP_NUM_THREADS": "1"}
-
-
-def process(*words, code=COMMAND[-1]):
+def process(*words, command=COMMAND):
     """A command in a process of its own."""
-    command = [sys.executable, "-c", code, *words]
-    return subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT)
+    return subprocess.run([*command, *words], capture_output=True, text=True, env=ENVIRONMENT)
 
 
 def test_bad_input_ends_a_process_with_one_line_and_an_exit_code():
@@ -462,58 +403,17 @@ def test_bad_input_ends_a_process_with_one_line_and_an_exit_code():
 
 def test_a_folder_that_is_gone_is_said():
     Path("gone").mkdir()
-    code = f"import os; os.chdir('gone'); os.rmdir(os.getcwd()); {COMMAND[-1]}"
-    done = process("train", "--show", code=code)
+    code = "import os; from trainers.command import main; os.chdir('gone'); os.rmdir(os.getcwd()); main()"
+    done = process("train", "--show", command=[sys.executable, "-c", code])
     assert done.returncode == 2
     assert done.stderr == "swarm: the current folder must be there, but was removed: change to another\n"
 
 
 def test_help_answers_at_once():
-    fastest = min(timed_help() for _ in range(3))
-    assert fastest < 0.5 * max(1, slowdown())
+    def seconds(*words, command=COMMAND):
+        began = time.perf_counter()
+        assert process(*words, command=command).returncode == 0
+        return time.perf_counter() - began
 
-
-def timed_help():
-    began = time.perf_counter()
-    done = process("--help")
-    assert done.returncode == 0
-    assert "evaluate" in done.stdout
-    return time.perf_counter() - began
-
-
-def slowdown():
-    """How much longer than on a quiet machine Python takes to start."""
-    began = time.perf_counter()
-    subprocess.run([sys.executable, "-c", "import typer.main"], check=True)
-    return (time.perf_counter() - began) / 0.15
-
-
-@pytest.mark.slow
-def test_a_run_interrupted_by_ctrl_c_is_resumed_to_the_same_end(tmp_path):
-    words = [*SHORT, "learning.epochs=40", "checkpoint_every=1000"]
-    command = [*COMMAND, "train", "hydra.run.dir=run", *words]
-    pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
-    with subprocess.Popen(command, **pipes, env=ENVIRONMENT) as child:
-        until = time.monotonic() + 120
-        while not runs.RunFolder(Path("run")).rows(runs.METRICS) and time.monotonic() < until:
-            time.sleep(0.01)
-        child.send_signal(2)
-        _, err = child.communicate(timeout=60)
-    assert child.returncode != 0
-    said = err.decode().splitlines()[-1]
-    assert said.startswith("swarm: stopped after epoch ")
-    assert said.endswith("to go on: swarm train resume=run")
-    assert run("train", "resume=run")[0] == 0
-    assert run("train", "hydra.run.dir=whole", *words)[0] == 0
-    for name in (runs.POLICY, runs.METRICS):
-        assert (Path("run") / name).read_bytes() == (Path("whole") / name).read_bytes()
-
-
-def test_a_test_folder_appears_whole_or_not_at_all(monkeypatch):
-    def fail(path):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(files, "_flush", fail)
-    assert "No space left on device" in refused(
-        "evaluate", "greedy", "--cells", "2", "--life", "2", "--out", "found"
-    )
+    slowdown = seconds(command=[sys.executable, "-c", "import typer.main"]) / 0.15  # of a busy machine
+    assert min(seconds("--help") for _ in range(3)) < 0.5 * max(1, slowdown)

@@ -11,7 +11,6 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
@@ -20,6 +19,7 @@ from swarm.physics.world import World
 from swarm.policies.network import load_policy
 from swarm.population.contest import population_test
 from tests.short_runs import assert_equal_runs
+from tests.trainers.noted import at_work, begun, noted
 from trainers.cli import training
 from trainers.jobs import cluster, remote, sweep
 from trainers.jobs.cluster import ClusterError, Needs, Ray, launched
@@ -43,31 +43,6 @@ SPREAD = [
 CELLS, LIFE = (10_000_000, 20.0) if LONG else (1_000_000, 4.0)
 
 
-def noted(file, do, *arguments):
-    """What a task gives, noting in a file that it begins and ends: its name, process and node."""
-    name = f"{do.__name__}:{NAMES[do.__name__](*arguments)}"
-    node, place = ray.get_runtime_context().get_node_id(), Path(file)
-    note(place, f"begin {name} {os.getpid()} {node}")
-    found = do(*arguments)
-    note(place, f"end {name} {os.getpid()} {node}")
-    return found
-
-
-NAMES = {
-    "lived": lambda test, block: f"{block.number}",
-    "advance": lambda run, before, epochs: f"{run.seed},{before.record['epoch'] if before else 0}",
-    "collected": lambda run, block, policy, state, decisions: (
-        f"{block.number},{state['episode'].max()},{state['decision'].max()}"
-    ),
-}
-
-
-def note(file, line):
-    descriptor = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-    os.write(descriptor, f"{line}\n".encode())
-    os.close(descriptor)
-
-
 class Noted(Ray):
     """A cluster whose tasks say when they begin and end."""
 
@@ -86,13 +61,8 @@ class Havoc(threading.Thread):
     def running(self, ended):
         """The (process, node) of tasks at work, once so many have ended."""
         while True:
-            lines = (
-                [line.split() for line in self.file.read_text().splitlines()] if self.file.exists() else []
-            )
-            over = [tuple(line[1:]) for line in lines if line[0] == "end"]
-            at_work = [line[1:] for line in lines if line[0] == "begin" and tuple(line[1:]) not in over]
-            there = [(int(process), node) for _, process, node in at_work if int(process) != self.killed]
-            if len(over) >= ended and there:
+            tasks = at_work(self.file, ended)
+            if there := [(process, node) for _, process, node in tasks if process != self.killed]:
                 return there
             time.sleep(0.02)
 
@@ -139,12 +109,9 @@ def undrawn(monkeypatch):
 
 def check_only_the_lost_was_done_twice(havoc, units):
     """Whatever began again had begun where a process or a node was lost."""
-    begun = {}
-    for kind, name, process, node in (line.split() for line in havoc.file.read_text().splitlines()):
-        if kind == "begin":
-            begun.setdefault(name, []).append((int(process), node))
-    assert len(begun) == units
-    again = [each for places in begun.values() for each in places[:-1]]
+    tasks = begun(havoc.file)
+    assert len(tasks) == units
+    again = [each for places in tasks.values() for each in places[:-1]]
     assert all(process == havoc.killed or node == havoc.removed for process, node in again), again
     assert any(process == havoc.killed for process, _ in again)
     assert any(node == havoc.removed for process, node in again if process != havoc.killed)

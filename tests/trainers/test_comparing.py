@@ -13,6 +13,7 @@ from swarm.population.statistics import mean_interval
 from tests.policies.test_network import make
 from trainers.jobs import comparison
 from trainers.jobs.comparison import Contender, Group, compare, grouped
+from trainers.jobs.statistics import Lives
 from trainers.settings.composition import settings_from
 from trainers.training.run_folder import RunFolder
 
@@ -23,9 +24,14 @@ EATING = [
 ]
 
 
-def contender(*words):
+NONE = np.zeros((1, 3))
+
+
+def contender(*words, gain=NONE, times=None, limit=np.nan):
     settings = settings_from(words)
-    return Contender(settings, settings.seed, np.zeros((1, 3)), np.zeros((1, 3)), 80.0, None)
+    coupled = settings.test_world().is_shared
+    lives = Lives(gain[None], np.zeros_like(gain), None if times is None else times[None], limit, coupled)
+    return Contender(settings, settings.seed, lives, 80.0)
 
 
 def groups(*runs):
@@ -45,11 +51,11 @@ def test_a_run_that_claims_endless_seeds_ends_at_the_first_that_is_not_there(tmp
 
 def test_the_interval_of_a_group_is_over_its_seeds_and_the_cells_they_share():
     gains = np.random.default_rng(0).normal(20.0, 3.0, (1, 40)) + np.array([[0.0], [0.1], [0.3]])
-    members = [contender(f"seed={seed}")._replace(gains=gain[None]) for seed, gain in enumerate(gains)]
+    members = [contender(f"seed={seed}", gain=gain[None]) for seed, gain in enumerate(gains)]
     row = Group("alike", members).row()
     assert [row["low"], row["high"]] == mean_interval(gains)
     assert row["high"] - row["low"] > 2 * np.ptp(mean_interval(gains.mean(axis=1, keepdims=True)))
-    short = Group("short", [each._replace(limit=-0.1) for each in members]).row()  # lives of less than a turn
+    short = Group("short", [contender(limit=-0.1)]).row()  # lives of less than a turn
     assert (short["limit"], short["fraction_of_limit"]) == (pytest.approx(-0.1), None)
 
 
@@ -61,14 +67,14 @@ def test_tables_and_figures_name_settings_by_the_symbols_of_the_field():
     }
     assert {label: comparison.in_symbols(label) for label in told} == told
     group = Group("a_b world.n_records=4 50%", [contender()])
-    (line,) = [line for line in comparison.written([group], "tex").splitlines() if "50" in line]
+    (line,) = [line for line in comparison.table([group]).as_latex().splitlines() if "50" in line]
     assert line.startswith(r"a\_b $N_T$=4 50\% & 1 & 0.00 &")
-    assert "| a_b N_T=4 50% | 1 | 0.00 |" in comparison.written([group], "md")
+    assert "| a_b N_T=4 50% | 1 | 0.00 |" in comparison.table([group]).as_markdown()
 
 
 def test_times_to_the_egg_are_of_all_seeds_and_stand_in_the_table_where_there_is_one():
     times = np.array([[3.0, np.inf, 5.0]])
-    members = [contender(f"seed={seed}")._replace(times=times + seed) for seed in range(2)]
+    members = [contender(f"seed={seed}", times=times + seed) for seed in range(2)]
     row = Group("egg", members).row()
     assert (row["arrived"], row["time_to_egg"], row["median_time_to_egg"]) == (4 / 6, 4.5, 4.5)
     shown = comparison.table([Group("egg", members), Group("none", [contender()])])
@@ -79,13 +85,13 @@ def test_times_to_the_egg_are_of_all_seeds_and_stand_in_the_table_where_there_is
 
 def test_units_of_an_interval_are_worlds_where_their_cells_are_coupled():
     gains = np.random.default_rng(0).normal(20.0, 3.0, (2, 6, 5))
-    crowded = [contender(f"seed={seed}", "experiment=race") for seed in range(2)]
-    row = Group("race", [each._replace(gains=gain) for each, gain in zip(crowded, gains, strict=True)]).row()
+    crowded = [contender(f"seed={i}", "experiment=race", gain=gain) for i, gain in enumerate(gains)]
+    row = Group("race", crowded).row()
     assert [row["low"], row["high"]] == mean_interval(gains.mean(axis=-1))
     assert (row["worlds"], row["cells"]) == (6, 5)
-    one = Group("one world", [each._replace(gains=gains[i, :1]) for i, each in enumerate(crowded)])
+    one = Group("one world", [contender("experiment=race", gain=gain[:1]) for gain in gains])
     assert (one.row()["low"], comparison.table([one]).rows[0][3]) == (None, None)
-    free = Group("free", [contender(f"seed={i}")._replace(gains=gains[i]) for i in range(2)]).row()
+    free = Group("free", [contender(f"seed={i}", gain=gain) for i, gain in enumerate(gains)]).row()
     assert [free["low"], free["high"]] == mean_interval(gains.reshape(2, -1))
 
 
@@ -96,7 +102,6 @@ def test_units_of_an_interval_are_worlds_where_their_cells_are_coupled():
         (EATING, {}, (1, 3)),
         ([*EATING, "evaluation.worlds=2"], {}, (2, 3)),
         (EATING, {"cells": 2, "worlds": 4}, (4, 2)),
-        (["learning.n_swimmers=3", "evaluation.cells=7"], {}, (1, 40)),
         (["learning.n_swimmers=3"], {"worlds": 2}, (2, 40)),
     ],
 )
@@ -106,7 +111,7 @@ def test_coupled_runs_are_compared_in_the_crowd_of_their_tests(words, options, s
     save_policy(make(settings.layers[0], 6, settings.layers[-1]), folder.policy)
     folder.mark_finished()
     (group,) = compare([folder.path], **options)
-    assert group.members[0].gains.shape == sizes
+    assert group.lives.gain.shape == (1, *sizes)
 
 
 def test_runs_that_differ_in_the_seed_alone_are_one_group():

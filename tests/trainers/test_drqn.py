@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
 from torchrl.modules import GRUModule
 
-from swarm.torchrl_env import SwarmEnv
-from tests.short_runs import Crash, assert_equal_runs, go_on, short_settings, start, whole
-from tests.trainers.test_cli import elsewhere, run  # noqa: F401
-from trainers.algorithms.drqn import DRQN, sequence_error
+from tests.short_runs import short_settings
+from tests.trainers.test_dqn import begun
+from trainers.algorithms.drqn import sequence_error
 from trainers.algorithms.networks import RecurrentMLP, SeedGRU
+from trainers.algorithms.replay import unpacked
 from trainers.settings.composition import SettingsError
-from trainers.training.loop import Training
 from trainers.training.run import prepare
 
 
@@ -47,31 +43,16 @@ def test_values_and_gradients_are_those_of_torchrls_gru_module():
             )
 
 
-def algorithm(**changes):
-    """One whose first lives have begun."""
-    settings = short_settings("drqn", **changes)
-    learning = settings.learning
-    env = SwarmEnv(
-        settings.n_seeds,
-        n_swimmers=learning.n_swimmers,
-        seeds=settings.seeds,
-        world=settings.training_world(),
-    )
-    env.restart()
-    made = DRQN(env, settings)
-    made.begin(0)
-    return made
-
-
 @pytest.mark.parametrize("burn_in", [0, 2, 5])
 def test_every_decision_is_learnt_once_from_the_hidden_state_that_it_was_taken_in(burn_in):
-    made = algorithm(n_seeds=2, learning={"burn_in": burn_in, "n_steps": 2, "buffer_size": 1000, "seen": 3})
+    learning = {"burn_in": burn_in, "n_steps": 2, "buffer_size": 1000, "seen": 3}
+    made = begun(short_settings("drqn", n_seeds=2, learning=learning))
     rollouts = []
     while not made.env.all_finished():
         rollouts.append(made.collect(0.0))
         made.remember(rollouts[-1])
     lives = torch.cat(rollouts)
-    held = made.buffer.unpack(made.buffer.rows.transpose(0, 1))  # (seeds, rounds · cells, ...)
+    held = unpacked(made.buffer.rows.transpose(0, 1), made.buffer.layout)  # (seeds, rounds · cells, ...)
     learnt = {key: part.unflatten(1, (len(rollouts), 5)) for key, part in held.items()}
     mask, first = learnt["collector", "mask"], 0
     assert mask.sum() == lives["collector", "mask"].sum()
@@ -118,84 +99,6 @@ def test_the_loss_of_sequences_is_that_of_their_values_one_by_one(double):
     torch.testing.assert_close(found[0], torch.stack(losses).mean())
 
 
-def test_a_seed_trains_the_same_alone_and_in_a_stack_and_plays_the_same_in_numpy():
-    stack, alone = (Training(short_settings("drqn", **each)) for each in ({"n_seeds": 2}, {"seed": 4}))
-    for made in (stack, alone):
-        for _ in range(2):
-            made.run_epoch()
-    np.testing.assert_allclose(stack.measure("loss")[:, 1], alone.measure("loss")[:, 0], rtol=1e-3)
-    tensors = alone.algorithm.policy.state_dict()
-    for name, tensor in stack.algorithm.policy.state_dict().items():
-        np.testing.assert_allclose(tensor[1], tensors[name][0], rtol=1e-3, atol=1e-5)
-    from swarm.physics.starts import draw_starts
-    from swarm.population.rollout import rollout
-
-    world = stack.validation.env.world
-    for seed, gain, policy in zip(stack.seeds, stack.best_gain, stack.policies(), strict=True):
-        starts = draw_starts(world, 3, seed, population="validation")
-        *_, last = rollout(world, policy, starts, seed, population="validation")
-        assert last.outcome.gain.mean() == pytest.approx(gain, abs=1e-3)
-
-
-def test_a_run_that_crashes_goes_on_as_if_it_never_had(tmp_path, monkeypatch):
-    settings = short_settings("drqn", n_seeds=2, world={"binding_rate": 800.0})
-    reference, run_, learn, calls = (
-        whole(tmp_path / "whole", settings),
-        start(tmp_path / "torn", settings),
-        DRQN.learn,
-        [],
-    )
-
-    def crash(self, *given):
-        calls.append(given)
-        if len(calls) == 10:
-            raise Crash
-        return learn(self, *given)
-
-    monkeypatch.setattr(DRQN, "learn", crash)
-    with pytest.raises(Crash):
-        go_on(run_, settings)
-    go_on(run_, settings)
-    assert_equal_runs(run_, reference)
-
-
 def test_it_shows_no_more_records_than_there_are():
     with pytest.raises(SettingsError, match=r"learning\.seen must be at most world\.n_records, 4, got 5"):
         prepare(short_settings("drqn", learning={"seen": 5}))
-
-
-@pytest.mark.slow
-def test_a_compiled_update_is_the_stock_one():
-    learning, found = {"collect": 1, "burn_in": 1, "n_steps": 1}, []
-    for how in ("never", "always"):
-        made = algorithm(n_seeds=2, compile=how, learning=learning)
-        for _ in range(3):
-            made.learn(made.collect(0.0), 0.0)
-        found.append(made.tensors())
-    for name, tensor in found[0].items():
-        np.testing.assert_allclose(
-            found[1][name].detach(), tensor.detach(), rtol=1e-4, atol=1e-6, err_msg=name
-        )
-
-
-@pytest.mark.slow
-def test_it_is_trained_tested_compared_watched_and_exported_by_its_name():
-    words = [
-        "world.life=8",
-        "validation.life=8",
-        "validation.cells=2",
-        "tensorboard=false",
-        "learning.epochs=1",
-    ]
-    words += ["experiment=binding", "learning.updates=1"]
-    assert run("train", *words, "algorithm=drqn", "hydra.run.dir=it")[0] == 0
-    assert run("train", *words, "hydra.run.dir=dqn")[0] == 0
-    assert "drqn " in run("evaluate", "it", "--cells", 2, "--life", 4)[1]
-    found = {line.split()[0] for line in run("compare", "it", "dqn", "--cells", 2)[1].splitlines()[1:]}
-    assert found == {"drqn", "dqn"}
-    assert run("watch", "it", "--life", 4, "--out", "it.html")[0] == 0
-    assert run("export", "it", "--format", "json")[0] == 0
-    assert Path("it.json").exists()
-    code, _, said = run("export", "it", "--format", "onnx")
-    assert code
-    assert "format must be json for a recurrent network" in said

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -35,10 +36,7 @@ def test_a_task_that_fails_does_not_stop_the_others(workers, capsys):
     assert "0 failed: math domain error" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "death",
-    [(os._exit, 7), (signal.raise_signal, signal.SIGKILL)],
-)
+@pytest.mark.parametrize("death", [(os._exit, 7), (signal.raise_signal, signal.SIGKILL)])
 def test_a_process_that_is_killed_takes_no_other_with_it(death):
     died, done, waited = run(2, death, (time.sleep, 1.0), (math.sqrt, 4.0))
     assert isinstance(died, RuntimeError)
@@ -95,33 +93,22 @@ def test_an_interruption_ends_every_process_and_says_how_to_go_on(heard):
     assert not multiprocessing.active_children()
 
 
+def sleep_noted(file):
+    file.write_text(str(os.getpid()))
+    time.sleep(60)
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are found by /proc")
 def test_a_process_ends_with_its_parent(tmp_path):
-    script = tmp_path / "parent.py"
-    script.write_text(
-        "import time\n"
-        "from trainers.jobs.executors import Task, executor_for, run_tasks\n"
-        "def work():\n"
-        "    import os, pathlib\n"
-        f"    pathlib.Path({str(tmp_path / 'pid')!r}).write_text(str(os.getpid()))\n"
-        "    time.sleep(60)\n"
-        "if __name__ == '__main__':\n"
-        "    run_tasks([Task('', work, ())], executor_for(1), title='')\n"
-    )
-    parent = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 30
-    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
-        assert time.monotonic() < deadline
+    file, until = tmp_path / "process", time.monotonic() + 60
+    code = f"from tests.trainers.test_executors import *; run(1, (sleep_noted, Path({str(file)!r})))"
+    root = Path(__file__).parents[2]
+    parent = subprocess.Popen([sys.executable, "-c", code], cwd=root, stderr=subprocess.DEVNULL)
+    while not (file.exists() and file.read_text()) and time.monotonic() < until:
         time.sleep(0.05)
-    child = int((tmp_path / "pid").read_text())
     parent.kill()
     parent.wait()
-    while time.monotonic() < deadline:
-        try:
-            os.kill(child, 0)
-        except ProcessLookupError:
-            return
-        with open(f"/proc/{child}/stat") as file:  # nobody may be there to take note of its end
-            if file.read().split()[2] == "Z":
-                return
-        time.sleep(0.05)
-    pytest.fail("the process outlived its parent")
+    state = Path(f"/proc/{file.read_text()}/stat")
+    while state.exists() and state.read_text().split()[2] != "Z" and time.monotonic() < until:
+        time.sleep(0.05)  # nobody may be there to take note of its end
+    assert time.monotonic() < until

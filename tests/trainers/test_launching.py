@@ -2,20 +2,21 @@
 
 import importlib.util
 import json
+from pathlib import Path
 
 import pytest
 
 from swarm._support import files
 from tests.short_runs import short_settings
+from tests.trainers.test_cli import elsewhere, refused, run  # noqa: F401
+from trainers.cli import recorded
 from trainers.jobs import cluster, remote, sweep
 from trainers.jobs.cluster import ClusterError, launched
 from trainers.jobs.executors import InProcess
-from trainers.jobs.sweep import _launcher
-from trainers.jobs.trial import trial
 from trainers.training.run import train_in
 
 FILES = ["gains.png", "population.nc", "summary.json"]
-SIZES = {"cells": 3, "worlds": None, "life": 2.0, "seed": 0}
+RECORDED = ("evaluate", "swinging", "--cells", "3", "--life", "2", "--record", "ends")
 
 
 @pytest.mark.parametrize(
@@ -52,11 +53,11 @@ def test_without_ray_the_extra_is_named():
 
 
 def test_a_sweep_takes_hydras_words_and_its_own():
-    assert _launcher({}) == ("processes", None, None)
-    assert _launcher({"hydra/launcher": "basic"}) == ("here", None, None)
-    assert _launcher({"hydra.launcher.n_jobs": "3"}) == ("processes", 3, None)
+    assert sweep._launcher({}) == ("processes", None, None)
+    assert sweep._launcher({"hydra/launcher": "basic", "hydra.launcher.n_jobs": "3"}) == ("here", None, None)
+    assert sweep._launcher({"hydra.launcher.n_jobs": "3"}) == ("processes", 3, None)
     own = {"launcher": "ray", "launcher.jobs": "4", "launcher.address": "auto"}
-    assert _launcher(own) == ("ray", 4, "auto")
+    assert sweep._launcher(own) == ("ray", 4, "auto")
 
 
 def test_a_second_driver_of_a_cluster_in_the_same_folder_is_refused(tmp_path, monkeypatch):
@@ -66,35 +67,39 @@ def test_a_second_driver_of_a_cluster_in_the_same_folder_is_refused(tmp_path, mo
     assert [path.name for path in tmp_path.iterdir()] == [".lock"]
 
 
-def test_a_recorded_population_goes_to_its_folder(tmp_path):
-    found = trial("swinging", "linear_n4", **SIZES, record="ends", out=tmp_path / "out")
-    found.save(tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == FILES
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+def test_a_recorded_population_goes_on_and_is_only_read_once_it_is_complete(monkeypatch):
+    with monkeypatch.context() as within:
+        within.setattr(recorded, "save_summary", lambda *_: int("stopped"))
+        assert run(*RECORDED, "--out", "out")[0] == 2
+    code, first, _ = run(*RECORDED, "--out", "out")
+    assert (code, sorted(path.name for path in Path("out").iterdir())) == (0, FILES)
+    summary = json.loads(Path("out/summary.json").read_text())
     assert (summary["cells"], summary["policy"]) == (3, "swinging")
-    with pytest.raises(FileExistsError, match="must be a new or an empty folder"):
-        trial("swinging", "linear_n4", **SIZES, record="ends", out=tmp_path / "out")
-    assert trial("swinging", "linear_n4", **SIZES, record="ends").table == found.table
+    before = {path: path.stat().st_mtime_ns for path in Path("out").iterdir()}
+    code, again, told = run(*RECORDED, "--out", "out")
+    assert (code, again, told) == (0, first, "out is complete: nothing was computed again\n")
+    assert {path: path.stat().st_mtime_ns for path in Path("out").iterdir()} == before
+    assert run(*RECORDED)[1].splitlines() == first.splitlines()[:-1]
+    assert "must be new or hold the same population" in refused(*RECORDED, "--seed", "1", "--out", "out")
+    Path("out/population.nc").unlink()
+    assert "out must be a new or an empty folder" in refused(*RECORDED, "--out", "out")
 
 
 @pytest.mark.parametrize(
-    ("options", "line"),
+    ("words", "line"),
     [
-        ({"record": "end"}, "--record must be one of all, ends, thinned, got 'end'"),
-        ({"record": "ends", "against": "greedy"}, "--record must come without --against"),
-        ({"where": ("ray", None, None)}, "--launcher, --jobs and --address must come with --record"),
+        (["--record", "end"], "--record must be one of all, ends, thinned, got 'end'"),
+        (["--against", "greedy"], "--record must come without --against"),
+        (["--noise", "0,1"], "--record must come without --against and several levels of --noise, got ends"),
+        (["--cells", 10**15, "--out", "out"], "population.nc must have room for "),
     ],
 )
-def test_what_cannot_be_recorded_is_a_line(options, line):
-    with pytest.raises(ValueError, match=line):
-        trial("swinging", "linear_n4", **SIZES, **options)
+def test_what_cannot_be_recorded_is_a_line_and_nothing_is_written(words, line):
+    assert line in refused(*RECORDED, *words)
 
 
-def test_a_population_that_the_disk_has_no_room_for_is_a_line_and_nothing_is_written(tmp_path):
-    rule = r"the disk of .*population.nc must have room for [\d,]+ MiB, got [\d,]+ MiB"
-    with pytest.raises(OSError, match=rule):
-        trial("swinging", "linear_n4", **SIZES | {"cells": 10**15}, record="ends", out=tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+def test_only_what_is_recorded_goes_elsewhere():
+    assert "--launcher, --jobs and --address must come with" in refused("evaluate", "greedy", "--jobs", "2")
 
 
 @pytest.mark.parametrize("recipe", ["swarm", "ppo"])

@@ -11,7 +11,7 @@ from tensordict import TensorDict
 
 from swarm.policies.network import load_policy
 from swarm.torchrl_env import SwarmEnv
-from tests.short_runs import Crash, assert_equal_runs, go_on, short_settings, start, whole
+from tests.short_runs import short_settings
 from tests.trainers.test_cli import elsewhere, run  # noqa: F401
 from trainers.algorithms.networks import seed_mlp
 from trainers.algorithms.ppo import PPO, ContinuousSampling, Sampling, clip_by_seed
@@ -122,23 +122,6 @@ def test_advantages_bootstrap_when_time_is_up_and_not_after_an_arrival():
 
 
 @pytest.mark.parametrize(
-    ("critic", "action"), [("own", "discrete"), ("central", "discrete"), ("own", "continuous")]
-)
-def test_a_seed_trains_the_same_alone_and_in_a_stack(critic, action):
-    options = {"learning": {"critic": critic}, "world": {"action": action}}
-    both, alone = (
-        Training(short_settings("ppo", seed=seed, n_seeds=count, **options))
-        for seed, count in ((0, 2), (1, 1))
-    )
-    for training in (both, alone):
-        training.run_epoch()
-    one, other = both.algorithm.tensors(), alone.algorithm.tensors()
-    for name in other:
-        if not name.endswith("step"):
-            torch.testing.assert_close(one[name][1:], other[name], rtol=1e-3, atol=1e-4, msg=name)
-
-
-@pytest.mark.parametrize(
     ("world", "numbers"), [({}, 5), ({"torsions": [2.0, 1.0]}, 8)], ids=["plane", "space"]
 )
 def test_a_central_critic_sees_all_cells_of_the_world(world, numbers):
@@ -153,7 +136,8 @@ def test_a_central_critic_sees_all_cells_of_the_world(world, numbers):
 
 
 def test_every_command_tells_a_run_of_ppo_from_one_of_dqn():
-    for algorithm in ("ppo", "dqn"):
+    algorithms = ["ppo", "dqn", "drqn"]
+    for algorithm in algorithms:
         code, *_ = run("train", *RUN, f"algorithm={algorithm}", f"hydra.run.dir={algorithm}")
         assert (code, load_policy(algorithm).card["algorithm"]) == (0, algorithm)
         assert "nothing is left to learn" in run("train", f"resume={algorithm}")[1]
@@ -161,31 +145,7 @@ def test_every_command_tells_a_run_of_ppo_from_one_of_dqn():
         assert {line.split()[0] for line in out.splitlines()[1:4]} == {algorithm, "greedy", "swinging"}
         run("watch", algorithm, "--life", 2, "--cells", 2, "--out", f"{algorithm}.html")
         assert f'"name": "{algorithm}"' in Path(f"{algorithm}.html").read_text()
-    _, out, _ = run("compare", "dqn", "ppo", "--cells", 2)
-    assert {line.split()[0] for line in out.splitlines()[1:]} == {"dqn", "ppo"}
-
-
-@pytest.mark.slow
-def test_a_sweep_is_over_algorithms():
-    words = (*RUN, "algorithm=dqn,ppo", "hydra.sweep.dir=both", "hydra/launcher=basic")
-    assert run("train", "-m", *words)[0] == 0
-    assert {path.name: load_policy(path).algorithm for path in Path("both").iterdir()} == {
-        "algorithm=dqn": "dqn",
-        "algorithm=ppo": "ppo",
-    }
-
-
-@pytest.mark.parametrize("action", ["discrete", "continuous"])
-def test_an_interrupted_run_ends_as_one_that_was_not(tmp_path, action):
-    settings = short_settings("ppo", checkpoint_every=1, n_seeds=2, world={"action": action})
-    expected = whole(tmp_path / "whole", settings)
-    run = start(tmp_path / "run", settings)
-
-    def stop(training, seconds):
-        if training.epoch == 3:
-            raise Crash
-
-    with pytest.raises(Crash):
-        go_on(run, settings, report=stop)
-    go_on(run, settings)
-    assert_equal_runs(run, expected)
+    _, out, _ = run("compare", *algorithms, "--cells", 2)
+    assert {line.split()[0] for line in out.splitlines()[1:]} == set(algorithms)
+    assert run("export", "drqn", "--format", "json")[0] == 0
+    assert "format must be json for a recurrent network" in run("export", "drqn", "--format", "onnx")[2]

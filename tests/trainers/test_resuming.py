@@ -12,8 +12,8 @@ from tests.short_runs import NOISE, Crash, assert_equal_runs, go_on, short_setti
 from trainers.algorithms.dqn import DQN
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run as running
+from trainers.training.loop import Validation
 from trainers.training.run_folder import RunFolder
-from trainers.training.validation import Validation
 
 CROWD = {
     "medium": {
@@ -48,6 +48,8 @@ SETTINGS = {
     "crowd, central critic": short_settings(
         "ppo", world=CROWD, learning={"critic": "central"}, validation={"life": 2.0}
     ),
+    "curvatures": short_settings("ppo", n_seeds=2, world={"action": "continuous"}),
+    "recurrent": short_settings("drqn", n_seeds=2, world={"binding_rate": 800.0}),
 }
 PHASES = {
     "preparing": [(running, "_go_on")],
@@ -61,7 +63,8 @@ PHASES = {
 
 # Every phase with some settings, and all settings in the phases where they differ.
 PAIRS = [(name, phase) for name in ("swarm", "seeds, noise, clocks") for phase in PHASES]
-PAIRS += [(name, phase) for name in list(SETTINGS)[1:-1] for phase in ("collecting", "writing checkpoints")]
+DEEP_Q = [name for name, settings in SETTINGS.items() if settings.algorithm != "ppo"]
+PAIRS += [(name, phase) for name in DEEP_Q for phase in ("collecting", "writing checkpoints")]
 PAIRS = sorted(set(PAIRS))
 
 

@@ -20,6 +20,10 @@ COLUMNS = ("epoch", "seed", "gain")
 def test_a_new_run_holds_its_settings_and_where_it_comes_from(tmp_path):
     run = start(tmp_path / "run", SETTINGS)
     assert yaml.safe_load((run.path / "settings.yaml").read_text()) == dataclasses.asdict(SETTINGS)
+    opened, stored = RunFolder.open(tmp_path / "run")
+    assert (opened.path, stored) == (run.path, dataclasses.asdict(SETTINGS))
+    assert runs.is_run_folder(run.path)
+    assert not runs.is_run_folder(tmp_path)
     record = json.loads((run.path / "run.json").read_text())
     assert record["seeds"] == [7]
     assert {"python", "numpy", "torch", "torchrl"} <= record["versions"].keys()
@@ -45,21 +49,15 @@ def test_a_run_is_finished_when_it_says_so_and_has_a_policy(tmp_path):
     assert not run.finished
 
 
-def test_an_existing_run_is_opened_with_its_settings(tmp_path):
-    start(tmp_path / "run", SETTINGS)
-    run, stored = RunFolder.open(tmp_path / "run")
-    assert stored == dataclasses.asdict(SETTINGS)
-    assert run.path == tmp_path / "run"
-    assert runs.is_run_folder(tmp_path / "run")
-    assert not runs.is_run_folder(tmp_path)
-
-
 def rows(*epochs):
     return [{"epoch": epoch, "seed": 7, "gain": 0.1 * epoch} for epoch in epochs]
 
 
-def test_numbers_come_back_from_a_table_bit_for_bit(tmp_path):
+def test_numbers_come_back_bit_for_bit_from_a_table_that_must_be_there_before_rows_are_added(tmp_path):
     run = start(tmp_path / "run", SETTINGS)
+    with pytest.raises(FileNotFoundError):
+        run.append("table.csv", COLUMNS, rows(1))
+    assert run.rows("table.csv") == []
     run.rewrite("table.csv", COLUMNS, rows(1))
     run.append("table.csv", COLUMNS, rows(2, 3))
     run.append("table.csv", COLUMNS, [{"epoch": 4, "seed": 7, "gain": None}])
@@ -69,26 +67,16 @@ def test_numbers_come_back_from_a_table_bit_for_bit(tmp_path):
     assert (run.path / "table.csv").read_text().endswith("\n4,7,\n")
 
 
-def test_rows_are_added_to_tables_that_are_there_only(tmp_path):
-    run = start(tmp_path / "run", SETTINGS)
-    with pytest.raises(FileNotFoundError):
-        run.append("table.csv", COLUMNS, rows(1))
-    assert run.rows("table.csv") == []
+WHOLE = b"epoch,seed,gain\n1,7,0.1\n2,7,0.2\n"
+ENDS = [b"3,7,0.", b"3", b"3,7,0.1,5\n", b"3,7\n", b"x,7,0.1\n", b"\x00\n", b'3,"7,0.1\n']
+OTHERS = [b"", b"\n", b"\xff\xfe\x00", b"\x89PNG\r\n", b"no,header\n1,2\n", b'"' * 9000]
 
 
-@pytest.mark.parametrize("end", ["3,7,0.", "3", "3,7,0.1,5\n", "3,7\n", "x,7,0.1\n", "\x00\n", '3,"7,0.1\n'])
-def test_lines_that_are_not_whole_are_left_out(tmp_path, end):
-    table = tmp_path / "table.csv"
-    table.write_text("epoch,seed,gain\n1,7,0.1\n2,7,0.2\n" + end)
-    assert [row["epoch"] for row in RunFolder(table.parent).rows(table.name)] == ["1", "2"]
-
-
-@pytest.mark.parametrize(
-    "content", [b"", b"\n", b"\xff\xfe\x00", b"\x89PNG\r\n", b"no,header\n1,2\n", b'"' * 9000]
-)
-def test_a_table_of_something_else_has_no_rows(tmp_path, content):
+@pytest.mark.parametrize("content", [*(WHOLE + end for end in ENDS), *OTHERS])
+def test_lines_that_are_not_whole_are_left_out(tmp_path, content):
     (tmp_path / "table.csv").write_bytes(content)
-    assert RunFolder(tmp_path).rows("table.csv") == []
+    found = [row["epoch"] for row in RunFolder(tmp_path).rows("table.csv")]
+    assert found == (["1", "2"] if content.startswith(WHOLE) else [])
 
 
 def test_a_lock_ends_with_its_process_however_it_ends(tmp_path):
@@ -116,7 +104,7 @@ def test_what_killed_writes_left_behind_is_removed_and_nothing_else(tmp_path):
     mine = [".lock", ".hidden", ".notes.txt", ".git.0123456789ag", "metrics.csv"]
     for name in mine:
         (run.path / name).write_text("mine")
-    of_seed, elsewhere = run.seed_folder(3), tmp_path / "elsewhere"
+    of_seed, elsewhere = run.path / "seed_3", tmp_path / "elsewhere"
     (run.path / "seed_4").symlink_to(elsewhere)
     for folder in (of_seed, elsewhere):
         folder.mkdir()

@@ -13,14 +13,15 @@ import pytest
 import torch
 
 from tests.short_runs import NOISE, assert_equal_runs, short_settings, whole
+from tests.trainers.noted import at_work, begun, noted
 from tests.trainers.test_cli import elsewhere, refused, run  # noqa: F401
-from trainers.algorithms.spread import SpreadCollector, blocks_of, collected
+from trainers.algorithms.spread import SpreadCollector, blocks_of
 from trainers.jobs.executors import Processes
 from trainers.settings.learning import DQNSettings
 from trainers.training import run as running
+from trainers.training.checkpoint import tensors_of
 from trainers.training.loop import Training
 from trainers.training.run_folder import RunFolder
-from trainers.training.snapshot import tensors_of
 
 GRID = {"box": [[-1.0, 2.0], [-1.0, 2.0]], "shape": [20, 20], "uptake": 0.01, "diffusivity": 0.02}
 MEDIUM = {"medium": GRID, "interval_rule": "common", "start_box": [[0.0, 1.0], [0.0, 1.0]]}
@@ -86,11 +87,7 @@ def test_cells_live_the_same_whatever_the_blocks(world, sizes):
         made = Training(settings_for("swarm", world, n_worlds=3, block=size))
         made.algorithm.explorer.epsilon = 0.0
         made.env.restart()
-        rollouts.append(
-            torch.cat(
-                [made.algorithm.collector.collect(3) for _ in range(9 if made.env.all_finished() else 3)]
-            )
-        )
+        rollouts.append(torch.cat([made.algorithm.collector.collect(3) for _ in range(3)]))
     for other in rollouts[1:]:
         assert set(other.keys(True, True)) == set(rollouts[0].keys(True, True))
         for name in rollouts[0].keys(True, True):
@@ -183,41 +180,23 @@ def test_what_cannot_be_spread_is_a_line(words):
 
 
 @pytest.mark.parametrize(
-    ("change", "line"),
+    ("held", "line"),
     [
-        (lambda made: setattr(made.collector.policy, "rule", lambda: 0), "EpsilonGreedy: .*pickle.*lambda"),
-        (
-            lambda made: setattr(made.collector.policy, "env", made.env),
-            "EpsilonGreedy: holds its environment",
-        ),
-        (lambda made: setattr(made, "collector", None), "learning.block must be 0 where NoneType collects"),
+        ({"rule": lambda made: lambda: 0}, "EpsilonGreedy: .*pickle.*lambda"),
+        ({"env": lambda made: made.env}, "EpsilonGreedy: holds its environment"),
+        (None, "learning.block must be 0 where NoneType collects"),
     ],
     ids=["not picklable", "with its environment", "another collector"],
 )
-def test_what_decides_must_be_able_to_go_elsewhere(change, line):
+def test_what_decides_must_be_able_to_go_elsewhere(held, line):
     made = Training(settings_for()).algorithm
-    change(made)
+    for name, value in (held or {}).items():
+        setattr(made.collector.policy, name, value(made))
     with pytest.raises(ValueError, match=line):
-        SpreadCollector(made.collector, settings_for(block=2))
+        SpreadCollector(made.collector if held else None, settings_for(block=2))
 
 
 # --- processes that are killed ------------------------------------------------------------------------------
-
-
-def noted(file, settings, block, policy, state, decisions):
-    """What was collected, noting in a file which block and decision it is, and when by whom."""
-    name = f"{block.number},{state['episode'].max()},{state['decision'].max()}"
-    for word in ("begin", "end"):
-        descriptor = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-        os.write(descriptor, f"{word} {name} {os.getpid()}\n".encode())
-        os.close(descriptor)
-        if word == "begin":
-            found = collected(settings, block, policy, state, decisions)
-    return found
-
-
-def lines_of(file):
-    return [line.split() for line in file.read_text().splitlines()] if file.exists() else []
 
 
 @pytest.mark.slow
@@ -228,33 +207,22 @@ def test_a_killed_process_costs_its_block_and_no_bit(tmp_path, staleness):
 
     def kill():
         while not killed:
-            over = [line[1:] for line in lines_of(file) if line[0] == "end"]
-            at_work = [line[1:] for line in lines_of(file) if line[0] == "begin" and line[1:] not in over]
-            if len(over) > 20 and at_work:
-                killed.append(at_work[-1])
-                os.kill(int(at_work[-1][1]), signal.SIGKILL)
+            if tasks := at_work(file, 20):
+                killed.append(tasks[-1])
+                os.kill(tasks[-1][1], signal.SIGKILL)
             time.sleep(0.002)
 
     threading.Thread(target=kill, daemon=True).start()
     with Processes(2, retries=3) as executor:
-        other = trained(settings, lambda do, *task: executor.submit(noted, file, *task), 6)
+        other = trained(settings, lambda *task: executor.submit(noted, file, *task), 6)
     assert_same(trained(settings, epochs=6), other)
-    begun = [line[1] for line in lines_of(file) if line[0] == "begin"]
-    assert [name for name in set(begun) if begun.count(name) > 1] == [killed[0][0]]
+    assert [name for name, places in begun(file).items() if len(places) > 1] == [killed[0][0]]
 
 
 @pytest.mark.slow
 def test_the_command_collects_in_processes_and_goes_on_here():
-    words = [
-        "learning.n_swimmers=6",
-        "learning.block=2",
-        "learning.collect=4",
-        "world.life=4",
-        "learning.epochs=4",
-        "validation.cells=2",
-        "tensorboard=false",
-        "checkpoint_every=1",
-    ]
+    words = ["learning.n_swimmers=6", "learning.block=2", "learning.collect=4", "learning.epochs=4"]
+    words += ["world.life=4", "validation.cells=2", "tensorboard=false", "checkpoint_every=1"]
     assert run("train", *words, "hydra.run.dir=here")[0] == 0
     assert run("train", *words, "launcher=processes", "launcher.jobs=2", "hydra.run.dir=there")[0] == 0
     assert_equal_runs(RunFolder(Path("there")), RunFolder(Path("here")))

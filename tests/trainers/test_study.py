@@ -1,5 +1,6 @@
 """Studies: one file, one dataset with named axes; what is there is neither trained nor tested again."""
 
+import csv
 import json
 import os
 from pathlib import Path
@@ -72,53 +73,53 @@ def test_a_dataset_has_the_axes_of_the_file_and_every_number_is_that_of_a_test()
     with xr.open_dataset("out/study.nc", engine="h5netcdf") as stored:
         results = stored.load()
     assert results.equals(found.results)
-    assert dict(results.sizes) == {
-        NOISE: 2,
-        "net": 2,
-        "test": 2,
-        "seed": 2,
-        "cell": 5,
-        "policy": 2,
-        "statistic": 10,
-    }
+    sizes = {NOISE: 2, "net": 2, "test": 2, "seed": 2, "cell": 5, "policy": 2, "statistic": 10}
+    assert dict(results.sizes) == sizes
     assert results[NOISE].attrs["units"] == results["gain"].attrs["units"] == "concentration"
     assert results["net"].values.tolist() == ["small", "wide"]
     for noise, net, seed in ((0.0, "wide", 1), (0.2, "small", 0)):
         here = results.sel({NOISE: noise, "net": net, "seed": seed})
         run, settings = RunFolder.open(Path("out/runs") / here["run"].values[()][0])
         settings = settings_from_stored(settings)
-        assert (settings.training_world().concentration_noise, settings.learning.hidden) == (
-            noise,
-            [6 if net == "wide" else 4],
-        )
-        world = settings.training_world()
+        world, hidden = settings.training_world(), settings.learning.hidden
+        assert (world.concentration_noise, hidden) == (noise, [6 if net == "wide" else 4])
         policy = load_policy(dict(run.policies(settings))[seed])
-        for test, tested, cells, draw_of in (
-            ("own", world, 3, 0),
-            ("noisy", world.replace(concentration_noise=0.2), 5, 7),
-        ):
+        noisy = world.replace(concentration_noise=0.2)
+        for test, tested, cells, draw_of in (("own", world, 3, 0), ("noisy", noisy, 5, 7)):
             own = population_test(tested, {"it": policy}, cells=cells, life=4.0, seed=draw_of, record=False)
             one = here.sel(test=test)
-            assert one["gain"].values[:cells].tolist() == own["gain"].sel(policy="it").values.tolist()
-            assert np.isnan(one["gain"].values[cells:]).all()
-            assert (
-                one["reference_gain"].sel(policy="greedy").values[:cells].tolist()
-                == own["gain"].sel(policy="greedy").values.tolist()
-            )
+            for values, name in ((one["gain"], "it"), (one["reference_gain"].sel(policy="greedy"), "greedy")):
+                assert values.values[:cells].tolist() == own["gain"].sel(policy=name).values.tolist()
+                assert np.isnan(values.values[cells:]).all()
             assert one["limit"].equals(xr.full_like(one["limit"], own.attrs.get("limit", np.nan)))
             assert json.loads(one["tested_world"].item()) == json.loads(own.attrs["world"])
-            assert one["statistics"].sel(statistic="gain").item() == pytest.approx(
-                own["gain"].sel(policy="it").mean().item()
-            )
+            mean = own["gain"].sel(policy="it").mean().item()
+            assert one["statistics"].sel(statistic="gain").item() == pytest.approx(mean)
     assert {"study", "versions", "commit"} <= results.attrs.keys()
     assert Path("out/figures/gain-world.concentration_noise.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_means_and_the_ends_of_their_intervals_are_numbers_in_the_table_and_the_dataset():
+    grid = {"net": STUDY["grid"]["net"]}
+    found = study(written(grid=grid, tests={"own": None}, policies=[], figures=[]), Path("out"), **HERE)
+    with open("out/study.csv") as file:
+        for row in csv.DictReader(file):
+            here = found.results.sel(net=row["net"], test="own")
+            gains = here["gain"].values
+            expected = [gains.mean(), *mean_interval(gains)]
+            assert [float(row[name]) for name in ("mean", "low", "high")] == pytest.approx(expected)
+            ends = [here[name].sel(statistic="gain").item() for name in ("low", "high")]
+            assert ends == pytest.approx(expected[1:])
+            assert float(row["greedy"]) == pytest.approx(here["reference_gain"].mean().item())
+    assert found.table.headings[:5] == ["net", "test", "seeds", "gain", "95% interval"]
+
+
 def test_what_is_added_is_trained_and_tested_alone_and_what_is_left_out_stays(trained, monkeypatch):
-    first = study(written(figures=[]), Path("out"), **HERE).results
+    less = {"tests": {"own": None}, "policies": [], "figures": []}
+    first = study(written(**less), Path("out"), **HERE).results
     tests = {path.name for path in Path("out/tests").iterdir()}
     grid = {NOISE: [0.4, 0.2], "net": STUDY["grid"]["net"]}
-    more = study(written(grid=grid, seeds=[0, 1, 2, 5], figures=[]), Path("out"), **HERE).results
+    more = study(written(grid=grid, seeds=[0, 1, 2, 5], **less), Path("out"), **HERE).results
     assert sorted(trained[4:]) == sorted(
         f"{NOISE}={noise},net={net},{seeds}"
         for net in ("small", "wide")
@@ -129,34 +130,34 @@ def test_what_is_added_is_trained_and_tested_alone_and_what_is_left_out_stays(tr
     assert more["gain"].sel(old).equals(first["gain"].sel(old))
     assert len(list(Path("out/runs").iterdir())) == len(trained) == 12
     assert tests < {path.name for path in Path("out/tests").iterdir()}
-    monkeypatch.setattr(studies, "lived", lambda *_: pytest.fail("tested again"))
+    monkeypatch.setattr(studies, "population_test", lambda *_, **__: pytest.fail("tested again"))
     other = {"depth": {"one": {}}, **STUDY["grid"]}  # an axis more, and runs that are there
-    again = study(written(grid=other, figures=[]), Path("out"), **HERE).results
+    again = study(written(grid=other, **less), Path("out"), **HERE).results
     assert again.isel(depth=0, drop=True).equals(first)
     assert len(trained) == 12
 
 
 @pytest.mark.slow
 def test_a_study_that_is_stopped_goes_on(trained, monkeypatch):
-    train, test, tested = sweep.train_in, studies.lived, []
+    train, tested = sweep.train_in, []
 
     def train_or_stop(path, settings):
         if len(trained) == 3:
             raise KeyboardInterrupt
         train(path, settings)
 
-    def test_or_fail(*arguments):
+    def test_or_fail(*arguments, **options):
         tested.append(arguments)
         if len(tested) == 3:
             raise ValueError("a field of nobody's")
-        return test(*arguments)
+        return population_test(*arguments, **options)
 
     file = written(figures=[])
     monkeypatch.setattr(sweep, "train_in", train_or_stop)
     with pytest.raises(KeyboardInterrupt):
         study(file, Path("out"), **HERE)
     monkeypatch.setattr(sweep, "train_in", train)
-    monkeypatch.setattr(studies, "lived", test_or_fail)
+    monkeypatch.setattr(studies, "population_test", test_or_fail)
     with pytest.raises(RunError, match=r"1 of 6 tests did not finish \(a field .* swarm study out goes on"):
         study(Path("out"), **HERE)
     assert len(trained) == 4
@@ -175,11 +176,8 @@ def test_figures_show_means_and_intervals_over_seeds_and_cells_and_every_referen
     assert noisy.found["net=wide"][1] == pytest.approx([gains.mean(), *mean_interval(gains)])
     (panel,) = panels(results, request_of("wins:net:test=own,seed=1", axes_of(results)))
     assert (list(panel.levels), panel.marks) == ([0, 1], {0: "small", 1: "wide"})
-    assert {name.split(",")[0] for name in panel.found} == {
-        "concentration_noise=0.0",
-        "concentration_noise=0.2",
-        "swinging",
-    }
+    noises = {"concentration_noise=0.0", "concentration_noise=0.2"}
+    assert {name.split(",")[0] for name in panel.found} == {*noises, "swinging"}
     (path,) = draw(Path("out"), ["std:seed:test=own,net=wide"])
     assert path == Path("out/figures/std-seed-test=own-net=wide.png")
 
@@ -190,9 +188,8 @@ def test_worlds_whose_cells_are_coupled_are_the_units_of_intervals():
     settings = {key: yaml.safe_load(value.replace(":", ": ")) for key, value in keys.items()}
     grid = {"crowd": {"eats": {}, "no": {"world.medium": None}}}
     tests = {"own": {"worlds": 2, "cells": 3, "life": 1.0}, "more": {"worlds": 3, "cells": 2, "life": 1.0}}
-    results = study(
-        written(settings=settings, grid=grid, tests=tests, figures=[]), Path("out"), **HERE
-    ).results
+    file = written(settings=settings, grid=grid, tests=tests, figures=[])
+    results = study(file, Path("out"), **HERE).results
     assert (results.sizes["world"], results["coupled"].values.tolist()) == (3, [[1, 1], [0, 0]])
     request = request_of("gain:test", axes_of(results))
     (panel,) = panels(results, request)
@@ -207,16 +204,16 @@ def test_the_egg_is_reached_where_there_is_one():
     settings = STUDY["settings"] | {"evaluation.life": 20.0}
     settings.pop("experiment")
     grid = {"experiment": {"linear": {}, "radial": {"experiment": "radial", **near}}}
-    found = study(
-        written(settings=settings, grid=grid, tests={"own": {"cells": 9}}, figures=[]), Path("out"), **HERE
-    )
+    file = written(settings=settings, grid=grid, tests={"own": {"cells": 9}}, figures=[])
+    found = study(file, Path("out"), **HERE)
     times = found.results["time_to_egg"].isel(test=0)
     assert np.isnan(times.sel(experiment="linear")).all()
     came = np.isfinite(times.sel(experiment="radial"))
     assert came.any()
     shares = found.results["statistics"].isel(test=0).sel(experiment="radial", statistic="arrived")
     assert shares.values.tolist() == pytest.approx(came.mean("cell").values.tolist())
-    assert [row[-1] is None for row in found.table.rows] == [True, False]
+    place = found.table.headings.index("arrived")
+    assert [row[place] is None for row in found.table.rows] == [True, False]
 
 
 @pytest.mark.parametrize(
@@ -231,6 +228,7 @@ def test_the_egg_is_reached_where_there_is_one():
         ({"grid": {"world.noise": [1]}}, "settings have no key 'world.noise'; did you mean 'world."),
         ({"grid": {NOISE: [0.1, -1.0]}}, "noise must be a finite number of at least 0, got -1.0"),
         ({"grid": {"seed": [1]}}, "grid must have axes of other names than seed, "),
+        ({"grid": {"limit": {"a": {}}}}, "grid must have axes of other names than seed, "),
         ({"grid": {"a b": [1]}}, "grid must have axes named by letters, digits, dots and _, got 'a b'"),
         ({"settings": {"n_seeds": 2}}, "settings must leave seeds to the key seeds, got n_seeds"),
         ({"tests": {"own": {"cell": 3}}}, "mine.yaml: tests have no key 'cell'; did you mean 'cells'?"),
@@ -295,8 +293,6 @@ def test_seeds_in_a_row_are_trained_together():
     "file", sorted((Path(__file__).parents[2] / "configs/study").glob("*.yaml")), ids=str
 )
 def test_the_studies_that_come_along_are_right(file):
-    from trainers.jobs.study_plan import plan_of
-
     plan = plan_of(file)
     assert len(plan.points) == np.prod([len(values) for values in plan.axes.values()])
     assert plan.figures

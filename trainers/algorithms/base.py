@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from pkgutil import resolve_name
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDict
@@ -33,6 +33,8 @@ class Algorithm(ABC):
     optimiser: Adam
     policy: nn.Module  # (seeds, rows, inputs) -> (seeds, rows, actions): the best has the largest number
     updates = 0  # so far
+    epoch: int
+    draws: list[torch.Generator]  # of each seed, for what it draws in this epoch
 
     @abstractmethod
     def __init__(self, env: SwarmEnv, settings: Settings) -> None: ...
@@ -46,8 +48,10 @@ class Algorithm(ABC):
         """For each seed that of a generator of its own."""
         return [streams.integer_seed("training", purpose, seed, *index) for seed in self.env.seeds]
 
-    def begin(self, epoch: int) -> None:  # noqa: B027
+    def begin(self, epoch: int) -> None:
         """Get ready for epoch number `epoch`, from 0 on, whose lives have begun."""
+        self.epoch, device = epoch, self.env.device or "cpu"
+        self.draws = [torch.Generator(device).manual_seed(key) for key in self.keys("replay", epoch)]
 
     def collect(self, progress: float) -> TensorDict:
         """Some decisions of every cell, as `SeedCollector` gives them; `progress` is the part of all epochs
@@ -108,6 +112,12 @@ def worth_compiling(settings: Settings, amount: float, pays_from: float) -> bool
     return settings.compile == "always" or (settings.compile == "auto" and amount >= pays_from)
 
 
+def living_mean(each: Tensor, batch: Mapping) -> Tensor:
+    """The mean (seeds,) of numbers (seeds, ...) over the cells of a batch (seeds, ...) that were alive."""
+    alive = batch["collector", "mask"].flatten(1)
+    return torch.where(alive, each.flatten(1), 0.0).sum(-1) / alive.sum(-1).clamp_min(1)
+
+
 def fused_adam(parameters: Iterable[nn.Parameter]) -> Adam:
     """Torch's Adam (Kingma and Ba 2015), whose state is there from the beginning."""
     optimiser = Adam(parameters, fused=True)
@@ -120,9 +130,10 @@ def fused_adam(parameters: Iterable[nn.Parameter]) -> Adam:
     return optimiser
 
 
-def held_by(optimiser: Adam, **modules: nn.Module) -> dict[str, Tensor]:
-    """The tensors of an optimiser and of modules by name, none of them copied."""
-    states = [optimiser.state[parameter] for parameter in optimiser.param_groups[0]["params"]]
-    parts = {name: module.state_dict(keep_vars=True) for name, module in modules.items()}
-    parts |= {f"optimiser.{place}": state for place, state in enumerate(states)}
+def held_by(optimiser: Adam | None = None, **modules: nn.Module) -> dict[str, Tensor]:
+    """The tensors of modules and of an optimiser by name, none of them copied."""
+    parts: dict[str, Any] = {name: module.state_dict(keep_vars=True) for name, module in modules.items()}
+    if optimiser is not None:
+        parameters = optimiser.param_groups[0]["params"]
+        parts |= {f"optimiser.{place}": optimiser.state[each] for place, each in enumerate(parameters)}
     return {f"{part}.{name}": tensor for part, held in parts.items() for name, tensor in held.items()}

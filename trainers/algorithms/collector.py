@@ -1,5 +1,7 @@
 """Collecting: what TorchRL's Collector does, for worlds that are shared out among seeds."""
 
+from typing import Any
+
 import torch
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModuleBase
@@ -7,9 +9,19 @@ from torch import Tensor
 
 from swarm._support import streams
 from swarm.envs.torchrl import SwarmEnv
+from trainers.settings.schema import Settings
 
 BLOCK = 64  # decisions whose random numbers are drawn at once
 UNIFORM = 2  # random numbers of a cell for each of its decisions
+
+
+def training_env(settings: Settings, n_worlds: int, n_swimmers: int, **options: Any) -> SwarmEnv:
+    """So many worlds of each seed, with so many cells each, where and on so many threads as settings say."""
+    torch.set_num_threads(settings.threads)
+    # TorchRL moves what it is given where the processor is named.
+    device = None if settings.device == "cpu" else settings.device
+    shared: dict[str, Any] = {"seeds": settings.seeds, "world": settings.training_world(), **options}
+    return SwarmEnv(n_worlds * len(settings.seeds), device, n_swimmers=n_swimmers, **shared)
 
 
 class SeedCollector:
@@ -36,32 +48,33 @@ class SeedCollector:
         In TorchRL's keys; `mask` of `collector` says which cells were alive.
         """
         env, results = self.env, []
-        written: dict[str, list[Tensor]] = {name: [] for name in ("observation", *self.policy.out_keys)}
+        written: dict[str, list[Tensor]] = {name: [] for name in self.policy.out_keys}
+        assert env.observation is not None, "env.restart() must come first"
+        observations = [env.observation]
         for _ in range(decisions):
-            assert env.observation is not None, "env.restart() must come first"
-            seen = {"observation": self._by_seed(env.observation), "uniform": self._uniform()}
+            seen = {"observation": self._by_seed(observations[-1]), "uniform": self._uniform()}
             if "poses" in self.policy.in_keys:
                 seen["poses"] = self.poses()
             step = self.policy(TensorDict(seen, self._shape))
-            results.append(env.advance(step["action"].reshape(env.n_worlds, -1)))
+            observation, *result = env.advance(step["action"].reshape(env.n_worlds, -1))
+            observations.append(observation)
+            results.append(result)
             for name, values in written.items():
                 values.append(step[name])
             if env.all_finished():
                 break
-        observation, reward, terminated, truncated, alive = map(torch.stack, zip(*results, strict=True))
+        reward, terminated, truncated, alive = map(torch.stack, zip(*results, strict=True))
         shape = (len(results), *self._shape)
+        observation = torch.stack(observations).reshape(len(observations), *self._shape, -1)
         following = {
-            "observation": observation.reshape(*shape, -1),
+            "observation": observation[1:],
             "reward": reward.reshape(*shape, 1).float(),
             "terminated": terminated.reshape(*shape, 1),
             "done": (terminated | truncated | ~alive).reshape(*shape, 1),
         }
         taken = {name: torch.stack(values) for name, values in written.items()}
-        return TensorDict({**taken, "collector": {"mask": alive.reshape(shape)}, "next": following}, shape)
-
-    def gains(self) -> Tensor:
-        """Gain (seeds, cells) of the lives so far."""
-        return self._by_seed(self.env.gain())
+        whole = {"observation": observation[:-1], **taken, "next": following}
+        return TensorDict({**whole, "collector": {"mask": alive.reshape(shape)}}, shape)
 
     def poses(self) -> Tensor:
         """Position [length], heading (unit vector) and κ* of all cells (seeds, cells, 5) as they are now; in

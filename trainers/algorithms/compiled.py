@@ -13,36 +13,31 @@ from torch.optim.adam import adam
 
 from swarm._support.compiler import compiled
 
-# error(online, target, batch) -> loss (seeds,), value (seeds,)
-Error = Callable[[Callable, Callable, Mapping], tuple[Tensor, Tensor]]
-
 
 class CompiledUpdate:
     """What backward, Adam's step and SoftUpdate's do to the same tensors (a test holds them equal)."""
 
-    def __init__(
-        self, error: Error, online: nn.Module, target: nn.Module, optimiser: Adam, tau: float
-    ) -> None:
+    def __init__(self, loss: Any, optimiser: Adam, tau: float) -> None:
+        online, following = loss.value_network, loss.target_network.state_dict(keep_vars=True)
         self.optimiser, states = optimiser, [optimiser.state[each] for each in online.parameters()]
         self.held = [[parameter.data for parameter in online.parameters()]]
         self.held += [[state[name] for state in states] for name in ("exp_avg", "exp_avg_sq", "step")]
-        following = dict(target.state_dict(keep_vars=True))
         self.held.append([following[name].data for name, _ in online.named_parameters()])
-        self.step = compiled(_updated, error, online, tau)
+        self.step = compiled(_updated, loss.error, online, tau)
 
     @torch.no_grad()
-    def __call__(self, batch: Mapping) -> dict[str, Tensor]:
+    def __call__(self, batch: Mapping) -> tuple[Tensor, Tensor]:
         rate = torch.tensor(self.optimiser.param_groups[0]["lr"])  # as a number, each would be compiled anew
-        loss, value, *held = self.step(self.held, rate, batch)
+        loss, chosen, *held = self.step(self.held, rate, batch)
         for old, new in zip(self.held, held, strict=True):
             torch._foreach_copy_(old, new)
-        return {"loss": loss, "chosen_action_value": value}
+        return loss, chosen
 
 
 def _updated(
-    error: Error, network: nn.Module, tau: float, held: list[list[Tensor]], rate: Tensor, batch: Any
+    error: Callable, network: nn.Module, tau: float, held: list[list[Tensor]], rate: Tensor, batch: Any
 ) -> Any:
-    """Loss and value (seeds,), then parameters, moments, steps and target parameters after the update."""
+    """What `error` gives, then parameters, moments, steps and target parameters after the update."""
     names = [name for name, _ in network.named_parameters()]
     parameters, means, squares, steps, following = [[tensor.clone() for tensor in each] for each in held]
 
@@ -51,8 +46,8 @@ def _updated(
         return lambda *inputs: torch.func.functional_call(network, given, inputs)
 
     def total(tensors: list[Tensor]) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        loss, value = error(playing(tensors), playing(following), batch)
-        return loss.sum(), (loss, value)
+        loss, chosen = error(playing(tensors), playing(following), batch)
+        return loss.sum(), (loss, chosen)
 
     slopes, (_, measured) = torch.func.grad_and_value(total, has_aux=True)(parameters)
     on_device = torch.compiler.is_compiling()

@@ -19,16 +19,21 @@ from torchrl.objectives import LossModule, SoftUpdate
 from torchrl.objectives.utils import distance_loss
 
 from swarm.envs.torchrl import SwarmEnv
-from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at, worth_compiling
+from trainers.algorithms.base import (
+    Algorithm,
+    fused_adam,
+    held_by,
+    learning_rate_at,
+    living_mean,
+    worth_compiling,
+)
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.compiled import CompiledUpdate
-from trainers.algorithms.networks import seed_mlp
-from trainers.algorithms.replay import COLUMNS, SeedReplay, width
+from trainers.algorithms.networks import memory_of, seed_mlp
+from trainers.algorithms.replay import REACHED, Layout, SeedReplay, returns, transitions, width
 from trainers.settings.learning import DQNSettings
 from trainers.settings.schema import Settings
 
-WORTH_COMPILING = 30_000  # updates, from which compiling one saves more time than it takes
-REACHED = ("reward", "observation", "terminated")  # what follows a decision
 LOSSES = {"squared": "l2", "huber": "smooth_l1"}  # in TorchRL's words
 
 
@@ -52,7 +57,6 @@ class EpsilonGreedy(TensorDictModuleBase):
         return tensordict.set("action", torch.where(coin < self.epsilon, random, best))
 
     def values(self, tensordict: TensorDictBase) -> Tensor:
-        """Of every action (..., actions)."""
         return self.network(tensordict["observation"])
 
 
@@ -67,7 +71,8 @@ def epsilon_at(settings: DQNSettings, epoch: int, progress: float) -> float:
 def q_error(
     online: Callable, target: Callable, batch: Mapping, *, gamma: float, double: bool, loss_function: str
 ) -> tuple[Tensor, Tensor]:
-    """Loss and mean value (seeds,) of a batch (seeds, rows) in the keys that DQNLoss reads.
+    """Loss (seeds,) of a batch (seeds, rows) in the keys that DQNLoss reads, and the values (seeds, rows, 1)
+    of what was done.
 
     With `double`, the online network chooses the next action and the target network values it (van Hasselt et
     al. 2016). Rows of cells that were not alive count for nothing.
@@ -83,31 +88,25 @@ def q_error(
 def of_values(
     values: Tensor, best: Tensor, batch: Mapping, gamma: float, loss_function: str
 ) -> tuple[Tensor, Tensor]:
-    """Loss and mean value (seeds,) of a batch (seeds, ...), from the values (seeds, ..., actions) of what was
-    seen and the `best` (seeds, ..., 1) of what followed.
-    """
+    """`q_error` of the values (seeds, ..., actions) of what was seen, and the best (seeds, ..., 1) next."""
     with torch.no_grad():
         discount = gamma ** batch["steps_to_next_obs"] * ~batch["next", "terminated"]
         goal = torch.addcmul(batch["next", "reward"], discount, best)
-    chosen, alive = values.gather(-1, batch["action"].unsqueeze(-1)), batch["collector", "mask"].flatten(1)
-    each = torch.stack([distance_loss(chosen, goal, loss_function), chosen]).squeeze(-1).flatten(2)
-    loss, value = torch.where(alive, each, 0.0).sum(-1) / alive.sum(-1).clamp_min(1)
-    return loss, value
+    chosen = values.gather(-1, batch["action"].unsqueeze(-1))
+    return living_mean(distance_loss(chosen, goal, loss_function), batch), chosen
 
 
 class SeedDQNLoss(LossModule):
     """`torchrl.objectives.DQNLoss` for each of a leading axis of seeds."""
 
-    in_keys = [*COLUMNS]
+    in_keys = [*transitions(0)]
     out_keys = ["loss", "chosen_action_value"]
 
     value_network: nn.Module
     value_network_params: TensorDictParams
     target_value_network_params: TensorDictParams
 
-    def __init__(
-        self, network: nn.Module, *, delay_value: bool, error: Callable = q_error, **options: Any
-    ) -> None:
+    def __init__(self, network: nn.Module, *, delay_value: bool, error: Callable, **options: Any) -> None:
         super().__init__()
         self.error: Callable = functools.partial(error, **options)
         self.convert_to_functional(network, "value_network", create_target_params=delay_value)
@@ -116,12 +115,13 @@ class SeedDQNLoss(LossModule):
             self._modules["target_value_network_params"].to_module(target)
 
     def measured(self, batch: Mapping) -> tuple[Tensor, Tensor]:
-        """Loss and mean value (seeds,), without a TensorDict."""
+        """Loss (seeds,) and values (seeds, rows, 1), without a TensorDict."""
         return self.error(self.value_network, self.target_network, batch)
 
     def forward(self, batch: Mapping) -> TensorDict:
-        loss, value = self.measured(batch)
-        return TensorDict({"loss": loss, "chosen_action_value": value.detach()}, loss.shape)
+        loss, chosen = self.measured(batch)
+        means = {"loss": loss, "chosen_action_value": living_mean(chosen.detach(), batch)}
+        return TensorDict(means, loss.shape)
 
 
 class FusedSoftUpdate(SoftUpdate):
@@ -136,129 +136,104 @@ class FusedSoftUpdate(SoftUpdate):
         torch._foreach_lerp_(self._old, self._new, 1 - self.eps)
 
 
-def returns(rollout: Mapping[Any, Tensor], gamma: float, n_steps: int) -> dict[str | tuple[str, str], Tensor]:
-    """Transitions (decisions, ...) whose rewards are sums over up to `n_steps` decisions of the same life.
-
-    What TorchRL's MultiStep writes: Σ γᵏ r, the observation that follows, and the steps to it (Sutton
-    and Barto 2018, eq. 7.1). A termination on the way counts, which MultiStep leaves to its user.
-    """
-    reward, seen, ended = (rollout["next", name] for name in REACHED)
-    total, reached, terminated = reward.clone(), seen.clone(), ended.clone()
-    alive, steps = rollout["collector", "mask"].unsqueeze(-1), torch.ones_like(reward)
-    for ahead in range(1, min(n_steps, len(reward))):
-        goes_on = alive[ahead:]
-        total[:-ahead] += torch.where(goes_on, gamma**ahead * reward[ahead:], 0.0)
-        reached[:-ahead] = torch.where(goes_on, seen[ahead:], reached[:-ahead])
-        terminated[:-ahead] |= goes_on & ended[ahead:]
-        steps[:-ahead] += goes_on
-    further = {("next", name): part for name, part in zip(REACHED, (total, reached, terminated), strict=True)}
-    return {**rollout, **further, "steps_to_next_obs": steps}
-
-
 class DQN(Algorithm):
     """Decides for every cell, remembers what came of it, and learns from random parts of that."""
 
     metrics = ("loss", "q_mean", "epsilon", "learning_rate")
     settings: DQNSettings
     explorers, error = EpsilonGreedy, staticmethod(q_error)
-    worth_compiling: float = WORTH_COMPILING
-    kept: tuple[Any, ...] = (
-        "observation",
-        "action",
-        ("collector", "mask"),
-        *(("next", name) for name in REACHED),
-    )
+    worth_compiling: float = 30_000  # updates, from which compiling one saves more time than it takes
 
     def __init__(self, env: SwarmEnv, settings: Settings) -> None:
         if env.world.is_continuous:
-            raise ValueError(
-                "world.action must be 'discrete' where dqn learns, which values each action, got 'continuous'"
-            )
-        learning, world, device = cast(DQNSettings, settings.learning), env.world, env.device
+            rule = "world.action must be 'discrete' where dqn learns, which values each action"
+            raise ValueError(f"{rule}, got 'continuous'")
+        learning, (sizes, layout, length) = cast(DQNSettings, settings.learning), self.design(settings)
         self.env, self.settings = env, learning
-        self.policy = self.network(settings)
-        self.explorer = self.explorers(self.policy, world.n_actions)
+        self.policy = self.network(sizes)
+        self.explorer = self.explorers(self.policy, env.world.n_actions)
         self.collector = SeedCollector(env, self.explorer)
         delayed = learning.target_rate < 1
         self.loss = SeedDQNLoss(
             self.policy,
             delay_value=delayed,
-            error=type(self).error,
+            error=self.error,
             gamma=learning.discount,
             double=learning.double and delayed,
             loss_function=LOSSES[learning.loss],
         )
         self.follow = FusedSoftUpdate(self.loss, tau=learning.target_rate) if delayed else None
         self.optimiser = fused_adam(self.policy.parameters())
-        self.draws = [torch.Generator(device or "cpu") for _ in env.seeds]
-        self.rows = learning.batch_size  # of the buffer in a batch
-        self.buffer = self.replay(settings)
-        self.update: Callable[[Mapping], Mapping[str, Tensor]] = self._update
-        rounds = learning.epochs * math.ceil(world.max_decisions / (learning.collect or world.max_decisions))
+        self.rows = max(1, learning.batch_size // length)  # of the buffer in a batch
+        self.buffer = SeedReplay(max(1, learning.buffer_size // length), layout, len(env.seeds), env.device)
+        self.update: Callable[[Mapping], tuple[Tensor, Tensor]] = self._update
+        decisions = env.world.max_decisions
+        rounds = learning.epochs * math.ceil(decisions / (learning.collect or decisions))
         if worth_compiling(settings, rounds * learning.updates, self.worth_compiling):
-            networks = (self.policy, self.loss.target_network)
-            self.update = CompiledUpdate(self.loss.error, *networks, self.optimiser, learning.target_rate)
-
-    def network(self, settings: Settings) -> nn.Module:
-        """A fresh one of every seed."""
-        return seed_mlp(settings.layers, self.keys("network"), self.env.device)
-
-    def replay(self, settings: Settings) -> SeedReplay:
-        """The empty buffer."""
-        return SeedReplay(self.settings.buffer_size, self.env.world.observation_size, self.draws)
+            self.update = CompiledUpdate(self.loss, self.optimiser, learning.target_rate)
 
     @staticmethod
-    def memory_needed(settings: Settings) -> int:
-        learning = cast(DQNSettings, settings.learning)
-        rows = 2 * learning.buffer_size + learning.updates * learning.batch_size  # a checkpoint's, too
-        return 4 * rows * width(settings.layers[0]) + Algorithm.memory_needed(settings)
+    def design(settings: Settings) -> tuple[tuple[int, ...], Layout, int]:
+        """Sizes of the network's layers, what a row of the buffer holds, and of how many decisions it is."""
+        return settings.layers, transitions(settings.layers[0]), 1
 
-    def _update(self, batch: Mapping) -> Mapping[str, Tensor]:
-        """One step of the optimiser."""
-        loss, value = self.loss.measured(batch)
+    def network(self, sizes: tuple[int, ...]) -> nn.Module:
+        """A fresh one of every seed."""
+        return seed_mlp(sizes, self.keys("network"), self.env.device)
+
+    @classmethod
+    def memory_needed(cls, settings: Settings) -> int:
+        learning, (sizes, layout, length) = cast(DQNSettings, settings.learning), cls.design(settings)
+        rows = 2 * learning.buffer_size + learning.updates * learning.batch_size  # a checkpoint's, too
+        return 4 * rows * width(layout) // length + memory_of(sizes, learning.batch_size)
+
+    def _update(self, batch: Mapping) -> tuple[Tensor, Tensor]:
+        """One step of the optimiser; what `q_error` says of the batch."""
+        loss, chosen = self.loss.measured(batch)
         self.optimiser.zero_grad()
         loss.sum().backward()
         self.optimiser.step()
         if self.follow is not None:
             self.follow.step()
-        return {"loss": loss, "chosen_action_value": value.detach()}
+        return loss.detach(), chosen.detach()
 
     def begin(self, epoch: int) -> None:
-        self.epoch, self.waiting = epoch, dict[Any, Tensor]()
-        for generator, key in zip(self.draws, self.keys("replay", epoch), strict=True):
-            generator.manual_seed(key)
+        super().begin(epoch)
+        self.waiting = dict[Any, Tensor]()
 
     def collect(self, progress: float) -> TensorDict:
         self.explorer.epsilon = epsilon_at(self.settings, self.epoch, progress)
         return super().collect(progress)
+
+    def window(self, rollout: TensorDict) -> dict[Any, Tensor]:
+        """What has waited, and what was collected now (decisions, ...)."""
+        keys = "observation", *self.explorer.out_keys, ("collector", "mask"), *(("next", n) for n in REACHED)
+        now = {key: rollout[key] for key in keys}
+        return {key: torch.cat([self.waiting[key], now[key]]) for key in keys} if self.waiting else now
 
     def remember(self, rollout: TensorDict) -> bool:
         """Put what is complete into the buffer; whether anything was.
 
         The last decisions wait for the rewards of the next ones, unless all lives have ended.
         """
-        window = {key: rollout[key] for key in self.kept}
-        if self.waiting:
-            window = {key: torch.cat([self.waiting[key], now]) for key, now in window.items()}
+        window = self.window(rollout)
         decisions = len(window["action"])
         complete = decisions if self.env.all_finished() else max(0, decisions - self.settings.n_steps + 1)
         self.waiting = {key: now[complete:] for key, now in window.items()}
         if complete:
-            rows = returns(window, self.settings.discount, self.settings.n_steps)
-            self.buffer.extend({key: part[:complete] for key, part in rows.items()})
+            self.buffer.extend(returns(window, self.settings.discount, self.settings.n_steps), complete)
         return complete > 0
 
     def learn(self, rollout: TensorDict, progress: float) -> dict[str, Tensor | float] | None:
         """One round of updates."""
         if not self.remember(rollout):
             return None
-        for batch in self.buffer.batches(self.settings.updates, self.rows):
-            rate = self.optimiser.param_groups[0]["lr"] = learning_rate_at(
-                self.settings, self.updates, progress
-            )
-            measured = self.update(batch)
+        for batch in self.buffer.batches(self.settings.updates, self.rows, self.draws):
+            rate = learning_rate_at(self.settings, self.updates, progress)
+            self.optimiser.param_groups[0]["lr"] = rate
+            loss, chosen = self.update(batch)
             self.updates += 1
-        means = {"loss": measured["loss"].detach(), "q_mean": measured["chosen_action_value"]}
+        means: dict[str, Tensor | float] = {"loss": loss, "q_mean": living_mean(chosen, batch)}
         return means | {"epsilon": self.explorer.epsilon, "learning_rate": rate}
 
     def tensors(self) -> dict[str, Tensor]:

@@ -12,14 +12,11 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from trainers.algorithms.dqn import DQN, EpsilonGreedy, of_values, returns
-from trainers.algorithms.networks import RecurrentMLP, memory_of
-from trainers.algorithms.replay import SeedReplay
+from trainers.algorithms.dqn import DQN, EpsilonGreedy, of_values
+from trainers.algorithms.networks import RecurrentMLP
+from trainers.algorithms.replay import Layout, returns, transitions
 from trainers.settings.learning import DRQNSettings
 from trainers.settings.schema import Settings
-
-PARTS: tuple[Any, ...] = (("next", "reward"), "steps_to_next_obs", ("next", "terminated"))  # (..., 1)
-BARE: tuple[Any, ...] = ("action", ("collector", "mask"))  # (...)
 
 
 class RecurrentEpsilonGreedy(EpsilonGreedy):
@@ -53,85 +50,39 @@ def sequence_error(
     return of_values(values[..., :-1, :], following, batch, gamma, loss_function)
 
 
-class SequenceReplay(SeedReplay):
-    """Keeps sequences of at most `steps` decisions, with the hidden state (nodes) before the first one."""
-
-    def __init__(self, size: int, sizes: tuple[int, int, int], generators: list[torch.Generator]) -> None:
-        self.steps, inputs, self.nodes = sizes
-        super().__init__(size, inputs, generators)
-
-    @property
-    def width(self) -> int:
-        """Numbers in a row."""
-        return self.nodes + (self.steps + 1) * self.inputs + (len(PARTS) + len(BARE)) * self.steps
-
-    def pack(self, transitions: Mapping[Any, Tensor]) -> Tensor:
-        """A row (1, seeds, cells, width) of every cell's decisions (decisions, seeds, cells); where there are
-        fewer than `steps`, the rest was not alive.
-        """
-
-        def filled(part: Tensor, length: int) -> Tensor:
-            missing = part.new_zeros(length - len(part), *part.shape[1:])
-            return torch.cat([part, missing]).permute(1, 2, 0, 3).flatten(2).float()
-
-        columns = [transitions[key] for key in PARTS] + [transitions[key].unsqueeze(-1) for key in BARE]
-        seen = filled(transitions["seen"], self.steps + 1)
-        rest = [filled(each, self.steps) for each in columns]
-        return torch.cat([transitions["hidden"], seen, *rest], dim=-1).unsqueeze(0)
-
-    def unpack(self, rows: Tensor) -> dict[Any, Tensor]:
-        """The sequences (..., steps) that were packed in rows (..., width)."""
-        count = len(PARTS) + len(BARE)
-        sizes = self.nodes, (self.steps + 1) * self.inputs, *(self.steps,) * count
-        hidden, seen, *rest = rows.split(sizes, dim=-1)
-        found = dict(zip((*PARTS, *BARE), rest, strict=True))
-        found |= {key: found[key].unsqueeze(-1) for key in PARTS}
-        found |= {key: found[key].bool() for key in (PARTS[-1], BARE[-1])}
-        found |= {"action": found["action"].long(), "hidden": hidden}
-        return found | {"seen": seen.unflatten(-1, (-1, self.inputs))}
-
-
-def sizes_of(settings: Settings) -> tuple[int, ...]:
-    """Of the inputs, the recurrent layer, the hidden ones and the outputs."""
-    learning, world = cast(DRQNSettings, settings.learning), settings.training_world()
-    if learning.seen > world.n_records:
-        rule = f"learning.seen must be at most world.n_records, {world.n_records}"
-        raise ValueError(f"{rule}, got {learning.seen}")
-    return (learning.seen * world.features, learning.nodes, *learning.hidden, world.n_actions)
-
-
-def decisions_of(settings: Settings) -> int:
-    """Decisions that a sequence is learnt from."""
-    return settings.learning.collect or settings.training_world().max_decisions
-
-
 class DRQN(DQN):
     """Decides for every cell by what it has seen so far, and learns from parts of lives."""
 
     settings: DRQNSettings
     explorers, error = RecurrentEpsilonGreedy, staticmethod(sequence_error)
     worth_compiling = math.inf  # step by step, it takes minutes
-    kept = (*DQN.kept, "hidden")
     explorer: RecurrentEpsilonGreedy
     policy: RecurrentMLP
 
     @staticmethod
-    def memory_needed(settings: Settings) -> int:
-        learning, (inputs, nodes, *_) = cast(DRQNSettings, settings.learning), sizes_of(settings)
-        decisions = decisions_of(settings)
-        width = nodes + (learning.burn_in + decisions) * (inputs + len(PARTS) + len(BARE))
-        rows = 2 * learning.buffer_size + learning.updates * learning.batch_size
-        return 4 * rows * width // decisions + memory_of(sizes_of(settings), learning.batch_size)
+    def design(settings: Settings) -> tuple[tuple[int, ...], Layout, int]:
+        """Sizes of the inputs, the recurrent layer, the hidden ones and the outputs; a row of the buffer is a
+        sequence, with the hidden state (nodes,) before it.
+        """
+        learning, world = cast(DRQNSettings, settings.learning), settings.training_world()
+        if learning.seen > world.n_records:
+            rule = f"learning.seen must be at most world.n_records, {world.n_records}"
+            raise ValueError(f"{rule}, got {learning.seen}")
+        inputs, nodes = learning.seen * world.features, learning.nodes
+        length = learning.collect or world.max_decisions
+        steps = learning.burn_in + length
+        layout: dict[Any, Any] = {
+            "hidden": ((nodes,), torch.float32),
+            "seen": ((steps + 1, inputs), torch.float32),
+        }
+        for key, (shape, dtype) in transitions(inputs).items():
+            if "observation" not in key:
+                layout[key] = ((steps, *shape), dtype)
+        return (inputs, nodes, *learning.hidden, world.n_actions), layout, length
 
-    def network(self, settings: Settings) -> RecurrentMLP:
-        sizes, features = sizes_of(settings), self.env.world.features
-        return RecurrentMLP(sizes, features, [self.keys("network"), self.keys("network", 1)], self.env.device)
-
-    def replay(self, settings: Settings) -> SeedReplay:
-        learning, network, decisions = self.settings, self.policy, decisions_of(settings)
-        self.rows = max(1, learning.batch_size // decisions)
-        sizes = learning.burn_in + decisions, network.inputs, network.nodes
-        return SequenceReplay(max(1, learning.buffer_size // decisions), sizes, self.draws)
+    def network(self, sizes: tuple[int, ...]) -> RecurrentMLP:
+        keys = [self.keys("network"), self.keys("network", 1)]
+        return RecurrentMLP(sizes, self.env.world.features, keys, self.env.device)
 
     def begin(self, epoch: int) -> None:
         super().begin(epoch)
@@ -140,21 +91,17 @@ class DRQN(DQN):
 
     def remember(self, rollout: TensorDict) -> bool:
         """Put the decisions, behind those that bring the hidden state up to date, into the buffer."""
-        window, old = {key: rollout[key] for key in self.kept}, 0
-        if self.waiting:
-            old = len(self.waiting["action"])
-            window = {key: torch.cat([self.waiting[key], now]) for key, now in window.items()}
-        burn_in = self.settings.burn_in
+        window, burn_in = self.window(rollout), self.settings.burn_in
+        old = len(window["action"]) - len(rollout)
         self.waiting = {key: now[-burn_in:] for key, now in window.items()} if burn_in else {}
         rows = returns(window, self.settings.discount, self.settings.n_steps)
-        alive = rows["collector", "mask"].clone()
-        alive[:old] = False
-        observation = torch.cat([window["observation"], window["next", "observation"][-1:]])
-        whole = {
-            **rows,
-            ("collector", "mask"): alive,
-            "hidden": window["hidden"][0],
-            "seen": self.policy.seen(observation),
-        }
-        self.buffer.extend(whole)
+        rows["collector", "mask"] = rows["collector", "mask"].clone()
+        rows["collector", "mask"][:old] = False
+        seen = torch.cat([window["observation"], window["next", "observation"][-1:]])
+        rows |= {"hidden": window["hidden"][:1], "seen": self.policy.seen(seen)}
+        for key, (shape, _) in self.buffer.layout.items():
+            if key != "hidden":  # where decisions are missing, the cell was not alive
+                rest = rows[key].new_zeros(shape[0] - len(rows[key]), *rows[key].shape[1:])
+                rows[key] = torch.cat([rows[key], rest]).movedim(0, 2).unsqueeze(0)
+        self.buffer.extend(rows, 1)
         return True

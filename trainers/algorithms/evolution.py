@@ -5,7 +5,6 @@ generation: each world of a seed is steered by a candidate of its own, whose fit
 """
 
 import copy
-import functools
 import warnings
 from collections.abc import Mapping
 from typing import Any, cast
@@ -19,9 +18,9 @@ from torch import Tensor, nn
 from swarm._support import streams
 from swarm._support.checks import check_installed
 from swarm.envs.torchrl import SwarmEnv
-from trainers.algorithms.base import Algorithm
+from trainers.algorithms.base import Algorithm, held_by
 from trainers.algorithms.collector import SeedCollector
-from trainers.algorithms.networks import SeedLinear, seed_mlp
+from trainers.algorithms.networks import seed_mlp
 from trainers.settings.learning import EvolutionSettings
 from trainers.settings.schema import Settings
 
@@ -41,11 +40,11 @@ class Candidates(TensorDictModuleBase):
         values = self.networks(seen.reshape(self.n_worlds, -1, seen.shape[-1]))
         return tensordict.set("action", values.argmax(-1).reshape(seen.shape[:-1]))
 
-    def of_worlds(self, chosen: Tensor) -> "Candidates":
+    def of_worlds(self, chosen: np.ndarray) -> "Candidates":
         """What steers the worlds of these numbers (worlds,)."""
         networks = copy.deepcopy(self.networks)
-        for layer in (each for each in networks.modules() if isinstance(each, SeedLinear)):
-            layer.weight, layer.bias = (nn.Parameter(part[chosen]) for part in (layer.weight, layer.bias))
+        for part in networks.parameters():
+            part.data = part.data[chosen]
         return Candidates(networks, len(chosen))
 
 
@@ -68,18 +67,11 @@ class Evolution(Algorithm):
         shape = len(env.seeds), env.n_worlds // len(env.seeds)
         self.fitness = torch.zeros(0, *shape, dtype=torch.float64)  # of all generations so far
         self.noise: list[np.random.Generator] = []
-        options = {"popsize": shape[1], "seed": np.nan, "verbose": -9}
-        self.searches: list[Any] = [
-            CMAEvolutionStrategy(
-                start,
-                self.settings.step_size,
-                {**options, "randn": functools.partial(self._normal, place)},
-            )
-            for place, start in enumerate(_flat(self.policy))
-        ]
-
-    def _normal(self, place: int, *size: int) -> np.ndarray:
-        return self.noise[place].standard_normal(size)
+        self.searches: list[Any] = []
+        for place, start in enumerate(_flat(self.policy)):
+            normal = lambda *size, place=place: self.noise[place].standard_normal(size)  # noqa: E731
+            options = {"popsize": shape[1], "seed": np.nan, "verbose": -9, "randn": normal}
+            self.searches.append(CMAEvolutionStrategy(start, self.settings.step_size, options))
 
     def _ask(self, epoch: int) -> None:
         """The candidates of a generation; its random numbers are its own."""
@@ -107,8 +99,7 @@ class Evolution(Algorithm):
         return {"fitness": fitness.mean(-1), "step_size": steps}
 
     def tensors(self) -> dict[str, Tensor]:
-        held = self.policy.state_dict(keep_vars=True)
-        return {f"policy.{name}": tensor for name, tensor in held.items()} | {"fitness": self.fitness}
+        return held_by(policy=self.policy) | {"fitness": self.fitness}
 
     def growing(self) -> dict[str, int]:
         return {"fitness": self.settings.epochs}
@@ -125,29 +116,21 @@ class Evolution(Algorithm):
 
 
 def _flat(networks: nn.Module) -> np.ndarray:
-    """What decides (networks, parameters): all layers, of the last the differences to the first output."""
-    parts: list[np.ndarray] = []
-    for held in _layers(networks):
-        arrays = [part.detach().cpu().double().numpy() for part in held]
-        last = held is _layers(networks)[-1]
-        arrays = [array[..., 1:] - array[..., :1] for array in arrays] if last else arrays
-        parts += [array.reshape(len(array), -1) for array in arrays]
-    return np.concatenate(parts, axis=1)
+    """All weights and biases (networks, parameters)."""
+    parts = [part.detach().cpu().double().flatten(1) for part in networks.parameters()]
+    return torch.cat(parts, dim=1).numpy()
 
 
 @torch.no_grad()
 def _put(networks: nn.Module, flat: np.ndarray) -> None:
-    """The inverse of `_flat`; the first output is 0."""
-    numbers, layers, used = torch.as_tensor(flat), _layers(networks), 0
-    for place, held in enumerate(layers):
-        for part in held:
-            target = part[..., 1:] if place == len(layers) - 1 else part
-            size = target[0].numel()
-            target.copy_(numbers[:, used : used + size].reshape(target.shape))
-            used += size
-            if target is not part:
-                part[..., 0] = 0.0
-
-
-def _layers(networks: nn.Module) -> list[tuple[Tensor, Tensor]]:
-    return [(each.weight, each.bias) for each in networks.modules() if isinstance(each, SeedLinear)]
+    """Let what is searched decide: the first output is 0, since only differences to it count; the last
+    numbers, as many as it has parameters, are read by nobody.
+    """
+    *hidden, weight, bias = networks.parameters()
+    for part in (weight, bias):
+        part[..., 0] = 0.0
+    numbers, used = torch.as_tensor(flat), 0
+    for target in (*hidden, weight[..., 1:], bias[..., 1:]):
+        size = target[0].numel()
+        target.copy_(numbers[:, used : used + size].reshape(target.shape))
+        used += size

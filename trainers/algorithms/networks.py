@@ -148,12 +148,8 @@ def best(outputs: Tensor, action_range: tuple[float, float] | None) -> Tensor:
     """
     if action_range is None:
         return outputs.argmax(-1)
-    return curvature_at(outputs[..., 0], *action_range)
-
-
-def curvature_at(latent: Tensor, low: float, high: float) -> Tensor:
-    """Curvatures (...) of a range from real numbers (...) [1 / length]."""
-    return 0.5 * (low + high) + 0.5 * (high - low) * latent.tanh()
+    low, high = action_range
+    return 0.5 * (low + high) + 0.5 * (high - low) * outputs[..., 0].tanh()
 
 
 def exported(parameters: Mapping[str, Tensor], place: int, card: dict[str, Any]) -> Network:

@@ -13,7 +13,7 @@ from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
 from swarm.envs.torchrl import SwarmEnv
-from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at
+from trainers.algorithms.base import Algorithm, fused_adam, held_by, learning_rate_at, living_mean
 from trainers.algorithms.collector import SeedCollector
 from trainers.algorithms.networks import best, memory_of, seed_mlp
 from trainers.settings.learning import PPOSettings
@@ -42,12 +42,15 @@ class Sampling(TensorDictModuleBase):
         self.size = max(high - low for low, high in box) or 1.0
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        chances = self.network(tensordict["observation"]).log_softmax(-1)
-        steps = chances.exp().cumsum(-1)[..., :-1]
-        action = (tensordict["uniform"][..., :1] >= steps).sum(-1)
-        taken = chances.gather(-1, action.unsqueeze(-1)).squeeze(-1)
-        tensordict.set("action", action).set("action_log_prob", taken)
-        return tensordict.set("seen", self.seen(tensordict["observation"], tensordict.get("poses")))
+        observation = tensordict["observation"]
+        tensordict.update(self.drawn(self.network(observation), tensordict["uniform"][..., :1]))
+        return tensordict.set("seen", self.seen(observation, tensordict.get("poses")))
+
+    def drawn(self, outputs: Tensor, uniform: Tensor) -> dict[str, Tensor]:
+        """The action, and how probable it was, from a network's outputs and numbers (..., 1) in [0, 1)."""
+        chances = outputs.log_softmax(-1)
+        action = (uniform >= chances.exp().cumsum(-1)[..., :-1]).sum(-1)
+        return {"action": action, "action_log_prob": chances.gather(-1, action.unsqueeze(-1)).squeeze(-1)}
 
     def seen(self, observation: Tensor, poses: Tensor | None) -> Tensor:
         """Observations (seeds, cells, ...); with `poses` (seeds, cells, numbers), for a central critic, and
@@ -70,14 +73,11 @@ class ContinuousSampling(Sampling):
 
     out_keys = ["action", "latent", "action_log_prob", "seen"]
 
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        normal = IndependentNormal(*middle_and_spread(self.network(tensordict["observation"])))
-        middle, spread = normal.base_dist.loc, normal.base_dist.scale
-        latent = middle + spread * torch.special.ndtri(tensordict["uniform"][..., :1].clamp(1e-6, 1 - 1e-6))
-        action = best(latent, self.action_range)
-        tensordict.set("action", action).set("latent", latent)
-        tensordict.set("action_log_prob", normal.log_prob(latent))
-        return tensordict.set("seen", self.seen(tensordict["observation"], tensordict.get("poses")))
+    def drawn(self, outputs: Tensor, uniform: Tensor) -> dict[str, Tensor]:
+        middle, spread = middle_and_spread(outputs)
+        latent = middle + spread * torch.special.ndtri(uniform.clamp(1e-6, 1 - 1e-6))
+        chance = IndependentNormal(middle, spread).log_prob(latent)
+        return {"action": best(latent, self.action_range), "latent": latent, "action_log_prob": chance}
 
 
 def middle_and_spread(outputs: Tensor) -> tuple[Tensor, Tensor]:
@@ -115,7 +115,6 @@ class PPO(Algorithm):
         self.distribution = actor.get_dist
         self.advantage = GAE(gamma=learning.discount, lmbda=learning.lam, value_network=None, time_dim=2)
         self.optimiser = fused_adam([*self.policy.parameters(), *self.critic.parameters()])
-        self.shuffles = [torch.Generator(env.device or "cpu") for _ in env.seeds]
 
     @staticmethod
     def memory_needed(settings: Settings) -> int:
@@ -125,10 +124,6 @@ class PPO(Algorithm):
         rows = cells * min(learning.collect or world.max_decisions, world.max_decisions)
         held = 4 * rows * 3 * (settings.layers[0] + critic[0]) + memory_of(critic, learning.batch_size)
         return held + Algorithm.memory_needed(settings)
-
-    def begin(self, epoch: int) -> None:
-        for generator, key in zip(self.shuffles, self.keys("replay", epoch), strict=True):
-            generator.manual_seed(key)
 
     @torch.no_grad()
     def judged(self, rollout: TensorDict) -> TensorDict:
@@ -154,11 +149,9 @@ class PPO(Algorithm):
     def batches(self, rows: TensorDict) -> Iterator[TensorDict]:
         """The decisions (seeds, rows), shuffled anew for each pass, in batches."""
         chosen = rows.select(*OF_ACTOR, self.chosen, *OF_CRITIC, ("collector", "mask"))
-        places = torch.arange(len(self.shuffles), device=rows["seen"].device)[:, None]
+        places = torch.arange(len(self.draws), device=rows["seen"].device)[:, None]
         for _ in range(self.settings.passes):
-            order = [
-                torch.randperm(rows.shape[1], generator=each, device=each.device) for each in self.shuffles
-            ]
+            order = [torch.randperm(rows.shape[1], generator=each, device=each.device) for each in self.draws]
             yield from chosen[places, torch.stack(order)].split(self.settings.batch_size, dim=1)
 
     def learn(self, rollout: TensorDict, progress: float) -> dict[str, Tensor | float] | None:
@@ -167,11 +160,8 @@ class PPO(Algorithm):
         self.optimiser.param_groups[0]["lr"] = rate
         for batch in self.batches(rows):
             parts: Any = self.loss(batch)
-            alive = batch["collector", "mask"]
-            each = sum(
-                parts[f"loss_{name}"].reshape(alive.shape) for name in ("objective", "entropy", "critic")
-            )
-            loss = torch.where(alive, each, 0.0).sum(-1) / alive.sum(-1).clamp_min(1)  # (seeds,)
+            each = parts["loss_objective"] + parts["loss_entropy"] + parts["loss_critic"]
+            loss = living_mean(each, batch)
             self.optimiser.zero_grad()
             loss.sum().backward()
             clip_by_seed(self.optimiser.param_groups[0]["params"], self.settings.max_gradient)
@@ -194,20 +184,15 @@ class PPO(Algorithm):
 
 def actor_of(policy: nn.Module, *, continuous: bool) -> ProbabilisticActor:
     """The policy as the loss reads it."""
-    if not continuous:
-        return ProbabilisticActor(
-            TensorDictModule(policy, in_keys=["observation"], out_keys=["logits"]),
-            in_keys=["logits"],
-            distribution_class=Categorical,
-            return_log_prob=True,
-        )
-    outputs = TensorDictModule(policy, in_keys=["observation"], out_keys=["outputs"])
-    parts = TensorDictModule(middle_and_spread, in_keys=["outputs"], out_keys=["loc", "scale"])
+    actor: Any = TensorDictModule(policy, in_keys=["observation"], out_keys=["logits"])
+    if continuous:
+        parts = TensorDictModule(middle_and_spread, in_keys=["logits"], out_keys=["loc", "scale"])
+        actor = TensorDictSequential(actor, parts)
     return ProbabilisticActor(
-        TensorDictSequential(outputs, parts),
-        in_keys=["loc", "scale"],
-        out_keys=["latent"],
-        distribution_class=IndependentNormal,
+        actor,
+        in_keys=["loc", "scale"] if continuous else ["logits"],
+        out_keys=["latent" if continuous else "action"],
+        distribution_class=IndependentNormal if continuous else Categorical,
         return_log_prob=True,
     )
 

@@ -6,7 +6,6 @@ which, how many did them, or how often one had to be begun again.
 """
 
 import copy
-import functools
 import pickle
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -18,8 +17,7 @@ from tensordict import TensorDict
 from torch import nn
 from torchrl.envs import EnvBase
 
-from swarm.envs.torchrl import SwarmEnv
-from trainers.algorithms.collector import SeedCollector
+from trainers.algorithms.collector import SeedCollector, training_env
 from trainers.settings.learning import LearningSettings
 from trainers.settings.schema import Settings
 
@@ -47,22 +45,13 @@ class Block(NamedTuple):
     @property
     def columns(self) -> slice:
         """Its rows in the population of a seed."""
-        return slice(
-            self.first, self.first + (self.worlds[1] - self.worlds[0]) * (self.cells[1] - self.cells[0])
-        )
+        return slice(self.first, (self.worlds[1] - 1) * self.n_swimmers + self.cells[1])
 
     def of(self, whole: np.ndarray) -> np.ndarray:
         """The view of what is the block's of an array (seeds, worlds, ...)."""
         part = whole[:, slice(*self.worlds)]
         whole_worlds = self.cells == (0, self.n_swimmers)
         return part if whole_worlds or whole.ndim < 3 else part[:, :, slice(*self.cells)]
-
-
-class Found(NamedTuple):
-    """What came of a block's decisions."""
-
-    rollout: Arrays  # (decisions, seeds, cells, ...), of `observation` one more: what follows the last
-    state: Arrays  # (seeds · worlds, ...) after them
 
 
 def blocks_of(learning: LearningSettings) -> list[Block]:
@@ -74,22 +63,18 @@ def blocks_of(learning: LearningSettings) -> list[Block]:
     return [Block(number, *place, cells) for number, place in enumerate(places)]
 
 
-def collected(settings: Settings, block: Block, policy: nn.Module, state: Arrays, decisions: int) -> Found:
+def collected(
+    settings: Settings, block: Block, policy: nn.Module, state: Arrays, decisions: int
+) -> tuple[Arrays, Arrays]:
     """Up to `decisions` decisions of a block's cells, fewer where all their lives end, by a policy that stays
-    as it is.
+    as it is: the rollout (decisions, seeds, cells, ...), of `observation` one more, what follows the last;
+    and the state (seeds · worlds, ...) after them.
     """
-    torch.set_num_threads(settings.threads)
-    device = None if settings.device == "cpu" else settings.device
-    env = SwarmEnv(
-        len(settings.seeds) * (block.worlds[1] - block.worlds[0]),
-        device,
-        n_swimmers=block.cells[1] - block.cells[0],
-        seeds=settings.seeds,
-        first=block.first,
-        world=settings.training_world(),
-    )
-    before = {name: torch.from_numpy(each.copy()).to(device or "cpu") for name, each in state.items()}
-    steering: Any = copy.deepcopy(policy).to(device or "cpu")
+    (first, end), (left, right) = block.worlds, block.cells
+    env = training_env(settings, end - first, right - left, first=block.first)
+    device = env.device or "cpu"
+    before = {name: torch.from_numpy(each.copy()).to(device) for name, each in state.items()}
+    steering: Any = copy.deepcopy(policy).to(device)
     hidden = before.pop(HIDDEN, None)
     env.load_state_dict_of_env(before)
     if hidden is not None:
@@ -99,20 +84,19 @@ def collected(settings: Settings, block: Block, policy: nn.Module, state: Arrays
     rollout[SEEN] = np.concatenate([rollout[SEEN], rollout.pop(FOLLOWS)[-1:]])
     after = {name: _array(each) for name, each in env.state_dict_of_env().items()}
     after |= {} if hidden is None else {HIDDEN: _array(steering.hidden).reshape(hidden.shape)}
-    return Found(rollout, after)
+    return rollout, after
 
 
 class Here(Future):
     """The outcome of a task that is done in this process, when it is asked for."""
 
-    def __init__(self, do: Callable[..., Any], *arguments: Any) -> None:
+    def __init__(self, *task: Any) -> None:
         super().__init__()
-        self._task = functools.partial(do, *arguments)
+        self._task = task
 
     def result(self, timeout: float | None = None) -> Any:
-        if not self.done():
-            self.set_result(self._task())
-        return super().result(timeout)
+        do, *arguments = self._task
+        return do(*arguments)
 
 
 def check_portable(policy: nn.Module) -> nn.Module:
@@ -135,11 +119,9 @@ class SpreadCollector(SeedCollector):
     """
 
     def __init__(self, whole: SeedCollector | None, settings: Settings, submit: Submit = Here) -> None:
-        if whole is None or type(whole) is not SeedCollector:
-            raise ValueError(
-                f"learning.block must be 0 where {type(whole).__name__} collects, got "
-                f"{settings.learning.block}"
-            )
+        if type(whole) is not SeedCollector:
+            rule = f"learning.block must be 0 where {type(whole).__name__} collects"
+            raise ValueError(f"{rule}, got {settings.learning.block}")
         super().__init__(whole.env, check_portable(whole.policy))
         self.settings, self.submit, self.blocks = settings, submit, blocks_of(settings.learning)
         self._begun: tuple[tuple[int, int], list[Future]] | None = None  # at which moment, and which tasks
@@ -159,22 +141,18 @@ class SpreadCollector(SeedCollector):
 
         Cells of a block whose lives have all ended wait for the others'.
         """
-        whole, states, lengths = Arrays(), list[Arrays](), list[int]()
+        whole, states, length = Arrays(), list[Arrays](), 0
         for block in self.blocks:
             rollout, state = tasks.pop(0).result()
             states.append(state)
-            lengths.append(len(rollout[ALIVE]))
+            length = max(length, len(rollout[ALIVE]))
             for name, part in rollout.items():
                 if name not in whole:
                     shape = decisions + (name == SEEN), part.shape[1], self.cells, *part.shape[3:]
                     whole[name] = np.empty(shape, part.dtype)
-                whole[name][: len(part), :, block.columns] = part
-        length = max(lengths)
-        for block, ended in zip(self.blocks, lengths, strict=True):
-            for name, each in whole.items() if ended < length else ():
-                last = ended + (name == SEEN)
-                rest = each[last : length + (name == SEEN), :, block.columns]
-                rest[...] = OVER.get(name, each[last - 1, :, block.columns])
+                of_block = whole[name][:, :, block.columns]
+                of_block[: len(part)] = part
+                of_block[len(part) :] = OVER.get(name, part[-1])
         tensors = {name: torch.from_numpy(each).to(self.env.device or "cpu") for name, each in whole.items()}
         seen = tensors[SEEN]
         tensors = {name: each[:length] for name, each in tensors.items()} | {FOLLOWS: seen[1 : length + 1]}
@@ -190,10 +168,11 @@ class SpreadCollector(SeedCollector):
         policy.__dict__.pop(HIDDEN, None)  # every block gets its own
         policy = copy.deepcopy(policy).cpu()  # which learning goes on changing
         of_worlds = getattr(policy, "of_worlds", None)
+        numbers = np.arange(self.env.n_worlds).reshape(len(self.env.seeds), -1)
         for block in self.blocks:
             parts = {name: block.of(each) for name, each in held.items()}
             begin = {name: each.reshape(-1, *each.shape[2:]).copy() for name, each in parts.items()}
-            steering = policy if of_worlds is None else of_worlds(self._numbers(block))
+            steering = policy if of_worlds is None else of_worlds(block.of(numbers).flatten())
             futures.append(self.submit(collected, self.settings, block, steering, begin, decisions))
         return futures
 
@@ -218,12 +197,6 @@ class SpreadCollector(SeedCollector):
         if (hidden := tensors.pop(HIDDEN, None)) is not None:
             self.policy.hidden = hidden.reshape(self.policy.hidden.shape).to(self.env.device or "cpu")
         self.env.load_state_dict_of_env(tensors)
-
-    def _numbers(self, block: Block) -> torch.Tensor:
-        """Of the block's worlds, those of one seed after those of another (worlds,)."""
-        return torch.from_numpy(
-            block.of(np.arange(self.env.n_worlds).reshape(len(self.env.seeds), -1))
-        ).flatten()
 
 
 def _array(tensor: torch.Tensor) -> np.ndarray:

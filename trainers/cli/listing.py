@@ -62,7 +62,8 @@ def _files(group: str) -> Table:
     import yaml
 
     from swarm._support.tables import Table
-    from trainers.settings.composition import config_folder, names_of
+    from trainers.settings.composition import config_folder, names_of, written
+    from trainers.settings.schema import dotted
 
     rows = []
     for name in names_of(group):
@@ -72,28 +73,9 @@ def _files(group: str) -> Table:
         ]
         values = yaml.safe_load(text)
         values.pop(group)
-        rows.append([name, " ".join(comments), ", ".join(_dotted(values))])
+        words = [f"{key}={written(value)}" for key, value in dotted(values).items()]
+        rows.append([name, " ".join(comments), ", ".join(words)])
     return Table([group, "what it is", "what it sets"], rows)
-
-
-def _dotted(values: Mapping[str, Any], before: str = "") -> list[str]:
-    """Settings as words."""
-    found = []
-    for key, value in values.items():
-        inner = isinstance(value, Mapping) and not before
-        found += _dotted(value, f"{key}.") if inner else [f"{before}{key}={_plain(value)}"]
-    return found
-
-
-def _plain(value: Any) -> str:
-    """A value as it is written in a word."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {_plain(each)}" for key, each in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_plain, value)) + "]"
-    if value is None or isinstance(value, bool):
-        return {None: "null", True: "true", False: "false"}[value]
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _classes(known: Registry) -> Table:
@@ -103,26 +85,23 @@ def _classes(known: Registry) -> Table:
     rows = []
     for name in known:
         try:
-            about, parameters = summary(known[name]), known.parameters_of(name)
+            about, parameters = inspect.getdoc(known[name]) or "", known.parameters_of(name)
         except ValueError as error:  # of somebody's package
             rows.append([name, str(error), ""])
             continue
         words = [f"{key}={_default(known[name], each)}" for key, each in parameters.items()]
-        rows.append([name, about, ", ".join(words)])
+        rows.append([name, " ".join(about.split("\n\n")[0].split()), ", ".join(words)])
     return Table([known.thing, "what it is", "parameters and defaults"], rows)
 
 
-def summary(kind: type) -> str:
-    """The first paragraph of what a class says of itself."""
-    return " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
-
-
 def _default(kind: type, parameter: inspect.Parameter) -> str:
+    from trainers.settings.composition import written
+
     if parameter.default is parameter.empty:
         return "…"  # must be given
     field = getattr(kind, "__dataclass_fields__", {}).get(parameter.name)
     factory = getattr(field, "default_factory", None)
-    return _plain(factory() if callable(factory) else parameter.default)
+    return written(factory() if callable(factory) else parameter.default)
 
 
 def _zoo() -> Table:

@@ -23,8 +23,8 @@ def reproduce(
     crowd: Annotated[bool, typer.Option("--crowd", help="The experiments on crowds instead.")] = False,
     seeds: Annotated[int | None, typer.Option(help="Training seeds; default: 20, of crowds 5.")] = None,
     jobs: Annotated[int | None, typer.Option(help="Processes at once; default: 2, or 1 on one core.")] = None,
-    launcher: Annotated[str | None, Launchers] = None,
-    address: Annotated[str | None, Address] = None,
+    launcher: Launchers = None,
+    address: Address = None,
     publish: Annotated[Path | None, typer.Option(help="Folder for a copy without the runs.")] = None,
     ship: Annotated[bool, typer.Option("--ship", help="Replace the shipped policies by the best.")] = False,
 ) -> None:

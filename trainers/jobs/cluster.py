@@ -9,16 +9,19 @@ import copy
 import functools
 import os
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarm._support import provenance
-from swarm._support.checks import check_name
+from swarm._support.checks import check_count, check_name
 from trainers.jobs.executors import InProcess, Processes
 from trainers.training.run_folder import RunError
 
+Where = tuple[str | None, int | None, str | None]  # launcher, jobs and address of `launched`
+HERE: Where = (None, None, None)
+KEYS = LAUNCHER, JOBS, ADDRESS = "launcher", "launcher.jobs", "launcher.address"  # words of Where
 LAUNCHERS = ("here", "processes", "ray")
 ANSWER = 10.0  # [s] an address has to answer
 CLIENT = "ray://"
@@ -45,6 +48,16 @@ def launched(
     if launcher == "here" and jobs not in (None, 1):
         raise ValueError(f"jobs must come with launcher=processes or ray, got {jobs}")
     return InProcess() if launcher == "here" else Processes(2 if jobs is None else jobs, retries)
+
+
+def launcher_of(own: Mapping[str, str]) -> tuple[str, int | None, str | None]:
+    """Launcher, jobs and address that the words `launcher`, `launcher.jobs` and `launcher.address` name."""
+    for key in own:
+        check_name("key of a launcher", key, KEYS)
+    launcher = check_name(LAUNCHER, own.get(LAUNCHER, "here"), LAUNCHERS)
+    number = own.get(JOBS)
+    jobs = None if number is None else check_count(JOBS, int(number) if number.isdecimal() else number)
+    return launcher, jobs, own.get(ADDRESS)
 
 
 class Needs(NamedTuple):
@@ -182,8 +195,7 @@ def _told(name: str, much: float) -> str:
 
 
 def _line(error: BaseException) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[-1][:200] if lines else type(error).__name__
+    return (str(error).strip() or type(error).__name__).splitlines()[-1].strip()[:200]
 
 
 def _ray(address: str | None) -> Any:

@@ -1,6 +1,5 @@
 """Runs side by side: the same test for every policy, grouped by what differs besides the seed."""
 
-import itertools
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -11,20 +10,20 @@ import numpy as np
 
 from swarm._support import files, provenance
 from swarm._support.checks import check_name
-from swarm._support.tables import Table, percent, span
+from swarm._support.tables import Table
 from swarm._support.terminal import dispensable
 from swarm.physics.world import World
 from swarm.policies.network import Network, load_policy
 from swarm.population.contest import population_test
-from swarm.population.evaluation import TO_THE_EGG
 from swarm.population.results import RIVAL
-from swarm.population.statistics import fraction_of_limit, independent, mean_interval, times_to_egg
-from trainers.jobs.cluster import launched
+from swarm.population.statistics import times_to_egg
+from trainers.jobs.cluster import HERE, Where, launched
 from trainers.jobs.executors import Task, run_tasks
-from trainers.settings.composition import by_value, settings_from_stored
-from trainers.settings.schema import CELLS, Settings
-from trainers.training import run_folder as runs
-from trainers.training.run_folder import RunError, RunFolder
+from trainers.jobs.statistics import CELLS, Lives, beside, readable, summary
+from trainers.settings import schema
+from trainers.settings.composition import by_value, differing, settings_from_stored
+from trainers.settings.schema import Settings
+from trainers.training.run_folder import RunError, RunFolder, is_run_folder
 
 NAMES = ("experiment", "recipe", "algorithm")  # which tell the settings that come with them
 SYMBOLS = {  # of settings in tables and figures; others are told by their keys
@@ -35,8 +34,8 @@ SYMBOLS = {  # of settings in tables and figures; others are told by their keys
     "learning.discount": "γ",
     "learning.learning_rate": "α",
 }
-TABLES, PICTURES = ("md", "tex"), ("png", "pdf", "svg")
-SECTIONS = ("world", "learning", "validation", "evaluation")  # of settings that decide what is learnt
+TABLES = {"md": Table.as_markdown, "tex": Table.as_latex}
+PICTURES = ("png", "pdf", "svg")
 
 
 class Contender(NamedTuple):
@@ -44,11 +43,8 @@ class Contender(NamedTuple):
 
     settings: Settings
     seed: int
-    gains: np.ndarray  # (worlds, cells)
-    greedy: np.ndarray  # (worlds, cells)
+    lives: Lives
     life: float
-    limit: float | None
-    times: np.ndarray | None = None  # (worlds, cells) of arrival at the egg, infinite for who never came
 
 
 class Group(NamedTuple):
@@ -58,40 +54,15 @@ class Group(NamedTuple):
     members: list[Contender]
 
     @property
-    def means(self) -> np.ndarray:
-        """Mean gain (seeds,) of each seed's policy."""
-        return np.array([member.gains.mean() for member in self.members])
+    def lives(self) -> Lives:
+        """Those of all seeds."""
+        every = [member.lives for member in self.members]
+        times = None if every[0].times is None else np.concatenate([each.times for each in every])
+        return every[0]._replace(gain=np.concatenate([each.gain for each in every]), times=times)
 
     def row(self) -> dict[str, Any]:
-        """What the table says of the group; low and high: 95% interval of the mean, over seeds and cells, or
-        worlds where the cells of one are coupled; None with a single one.
-        """
-        means, limits = self.means, [member.limit for member in self.members]
-        coupled = self.members[0].settings.test_world().is_shared
-        units = np.stack([independent(member.gains, coupled) for member in self.members])
-        low, high = (mean_interval(units) if units.shape[1] > 1 else None) or (None, None)
-        worlds, cells = self.members[0].gains.shape
-        limit = None if None in limits else float(np.mean(np.array(limits, float)))
-        times = [member.times for member in self.members if member.times is not None]
-        came = np.concatenate([each[np.isfinite(each)] for each in times]) if times else np.zeros(0)
-        return {
-            "runs": self.label,
-            "seeds": len(means),
-            "worlds": worlds,
-            "cells": cells,
-            "mean": float(means.mean()),
-            "low": low,
-            "high": high,
-            "worst": float(means.min()),
-            "best": float(means.max()),
-            "greedy": float(np.mean([member.greedy.mean() for member in self.members])),
-            "limit": limit,
-            "fraction_of_limit": fraction_of_limit(float(means.mean()), limit),
-            "life": self.members[0].life,
-            "arrived": came.size / np.size(times) if times else None,
-            "time_to_egg": float(came.mean()) if came.size else None,
-            "median_time_to_egg": float(np.median(came)) if came.size else None,
-        }
+        """What comparison.csv says of the group."""
+        return {"runs": self.label, **summary(self.lives), "life": self.members[0].life}
 
 
 def compare(
@@ -103,7 +74,7 @@ def compare(
     seed: int = 0,
     out: Path | None = None,
     formats: Sequence[str] = ("png",),
-    where: tuple[str | None, int | None, str | None] = (None, None, None),
+    where: Where = HERE,
 ) -> list[Group]:
     """Test the policies of finished runs on the same cells, so many in each of `worlds` worlds; writes
     comparison.csv, comparison.json, and the table and the figure in the `formats`: md, tex; png, pdf, svg.
@@ -119,7 +90,7 @@ def compare(
     if out is not None:
         files.check_new_folder(out)
     known = {folder.resolve(): folder for folder in map(files.expanded, reversed(folders))}  # each one once
-    found = [folder for folder in reversed(known.values()) if runs.is_run_folder(folder)]
+    found = [folder for folder in reversed(known.values()) if is_run_folder(folder)]
     if not found:
         raise RunError(f"compare must name folders of runs, got {' '.join(map(str, folders))}")
     for folder in found:
@@ -149,12 +120,15 @@ def _write(out: Path, groups: Sequence[Group], about: dict[str, Any], formats: S
         (folder / "comparison.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
         for each in formats:
             if each in TABLES:
-                (folder / f"comparison.{each}").write_text(written(groups, each), encoding="utf-8")
+                (folder / f"comparison.{each}").write_text(TABLES[each](table(groups)), encoding="utf-8")
                 continue
             with dispensable(f"comparison.{each}"):
                 from swarm import figures
 
-                drawn = [({**group.row(), "runs": in_symbols(group.label)}, group.means) for group in groups]
+                drawn = [
+                    ({**row, "runs": in_symbols(group.label)}, group.lives.gain.mean(axis=CELLS))
+                    for row, group in zip(rows, groups, strict=True)
+                ]
                 figures.save(figures.groups(drawn), folder / f"comparison.{each}")
 
 
@@ -164,17 +138,19 @@ def grouped(contenders: Sequence[Contender]) -> list[Group]:
     The same settings with the same seed are one training, wherever and however often they are named: they
     count once.
     """
-    told = [by_value(each.settings) for each in contenders]
-    described = [{key: each[key] for key in each if key.split(".")[0] in NAMES + SECTIONS} for each in told]
-    keys = [key for key in NAMES if _differs(key, described)]
-    others = list(dict.fromkeys(key for each in described for key in each if key not in NAMES))
-    for key in others:  # but for those that are the same in all runs that share the names
-        alike = itertools.groupby(sorted(described, key=_names), _names)
-        keys += [key] if any(_differs(key, list(each)) for _, each in alike) else []
+    told, decisive = [by_value(each.settings) for each in contenders], NAMES + schema.SECTIONS
+    described = [{key: each[key] for key in each if key.split(".")[0] in decisive} for each in told]
+    alike: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for each in described:
+        alike.setdefault(tuple(each[name] for name in NAMES), []).append(each)
+    # the names that differ, and what differs between runs that share them
+    which = {key for key in differing(described) if key in NAMES}
+    which |= {key for runs in alike.values() for key in differing(runs)}
+    keys = [key for key in dict.fromkeys(key for each in described for key in each) if key in which]
     groups: dict[str, dict[int, Contender]] = {}
     for contender, each in zip(contenders, described, strict=True):
         parts = [each[key] if key in NAMES else f"{key}={_short(each[key])}" for key in keys if key in each]
-        label = " ".join(parts or _names(each))
+        label = " ".join(parts or [each[name] for name in NAMES])
         groups.setdefault(label, {}).setdefault(contender.seed, contender)
     return [Group(label, list(members.values())) for label, members in groups.items()]
 
@@ -189,14 +165,6 @@ def _short(value: Any) -> str:
     return " ".join([*kind, *([f"({', '.join(told)})"] if told else [])])
 
 
-def _names(described: Mapping[str, Any]) -> list[str]:
-    return [described[name] for name in NAMES]
-
-
-def _differs(key: str, described: Sequence[Mapping[str, Any]]) -> bool:
-    return len({str(each.get(key)) for each in described}) > 1
-
-
 def in_symbols(label: str) -> str:
     """A group's label with the field's symbols in place of the keys of settings."""
     for key, symbol in SYMBOLS.items():
@@ -205,38 +173,9 @@ def in_symbols(label: str) -> str:
 
 
 def table(groups: Sequence[Group]) -> Table:
-    """A row per group, best first; what none of them has is left out."""
-    rows = []
-    for row in sorted((group.row() for group in groups), key=lambda each: -each["mean"]):
-        mean, worst, best, greedy = (f"{row[name]:.2f}" for name in ("mean", "worst", "best", "greedy"))
-        times = [row[name] for name in ("time_to_egg", "median_time_to_egg")]
-        rows.append(
-            {
-                "runs": in_symbols(row["runs"]),
-                "seeds": row["seeds"],
-                "gain": mean,
-                "95% interval": None if row["low"] is None else span((row["low"], row["high"])),
-                "worst": worst,
-                "best": best,
-                "greedy": greedy,
-                "of the limit": percent(row["fraction_of_limit"]),
-                "arrived": percent(row["arrived"]),
-                **dict(
-                    zip(
-                        TO_THE_EGG[1:],
-                        (None if each is None else f"{each:.1f}" for each in times),
-                        strict=True,
-                    )
-                ),
-            }
-        )
-    shown = [name for name in rows[0] if name == "95% interval" or any(row[name] is not None for row in rows)]
-    return Table.of(rows, shown)
-
-
-def written(groups: Sequence[Group], kind: str) -> str:
-    """The table as Markdown (md) or LaTeX (tex)."""
-    return table(groups).as_markdown() if kind == "md" else table(groups).as_latex()
+    """A row per group, best first."""
+    rows = sorted((group.row() for group in groups), key=lambda row: -row["mean"])
+    return beside(["runs"], [[in_symbols(row["runs"])] for row in rows], readable(rows))
 
 
 def _test_of(
@@ -247,7 +186,7 @@ def _test_of(
     settings = settings_from_stored(stored, run.path)
     policies = {str(each): load_policy(path) for each, path in run.policies(settings)}
     world, own = settings.test_world(), settings.evaluation
-    usual = (own.cells, own.worlds) if world.is_shared else (CELLS, 1)
+    usual = (own.cells, own.worlds) if world.is_shared else (schema.CELLS, 1)
     sizes: dict[str, Any] = {"cells": usual[0] if cells is None else cells}
     sizes |= {"worlds": usual[1] if worlds is None else worlds, "seed": seed}
     return settings, world, policies, sizes | {"life": world.life if life is None else life}
@@ -258,18 +197,17 @@ def tested(
 ) -> list[Contender]:
     """Every seed's policy on the same cells."""
     results = population_test(world, policies, **sizes, record=False)
-    gains, times = (
-        dict(
-            zip(
-                results["policy"].values,
-                each.values.reshape(-1, sizes["worlds"], sizes["cells"]),
-                strict=True,
-            )
-        )
-        for each in (results["gain"], times_to_egg(results))
-    )
-    greedy, limit, life = gains.pop(RIVAL), results.attrs.get("limit"), sizes["life"]
+    shape = len(results["policy"]), sizes["worlds"], sizes["cells"]
+    gain, names = results["gain"].values.reshape(shape), results["policy"].values.tolist()
+    times = None if world.egg is None else times_to_egg(results).values.reshape(shape)
+    greedy, limit = gain[names.index(RIVAL)], results.attrs.get("limit", np.nan)
     return [
-        Contender(settings, int(name), gain, greedy, life, limit, None if world.egg is None else times[name])
-        for name, gain in gains.items()
+        Contender(
+            settings,
+            int(name),
+            Lives(gain[[i]], greedy, None if times is None else times[[i]], limit, world.is_shared),
+            sizes["life"],
+        )
+        for i, name in enumerate(names)
+        if name != RIVAL
     ]

@@ -33,9 +33,7 @@ class Task(NamedTuple):
     arguments: tuple[Any, ...]
     seconds: float = 1.0  # expected; only their ratios matter
     part_done: Callable[[], float] = float  # in [0, 1], while it is worked on
-    keep: Callable[[Any], Any] | None = (
-        None  # what becomes of its outcome, here; the outcome is what it returns
-    )
+    keep: Callable[[Any], Any] | None = None  # what becomes of its outcome, here, and what it is then
 
 
 def run_tasks(tasks: Sequence[Task], executor: Executor, *, title: str) -> list[Any]:
@@ -56,10 +54,8 @@ def run_tasks(tasks: Sequence[Task], executor: Executor, *, title: str) -> list[
         bar.show(seconds_done(), text=f"{len(outcomes)}/{len(tasks)}")
 
     def seconds_done() -> float:
-        return sum(
-            task.seconds * (1.0 if place in outcomes else task.part_done())
-            for place, task in enumerate(tasks)
-        )
+        parts = (1.0 if place in outcomes else task.part_done() for place, task in enumerate(tasks))
+        return sum(task.seconds * part for task, part in zip(tasks, parts, strict=True))
 
     with Progress(title, sum(task.seconds for task in tasks), seconds_done()) as bar, executor:
         try:
@@ -81,10 +77,10 @@ def run_tasks(tasks: Sequence[Task], executor: Executor, *, title: str) -> list[
 
 def _kept(task: Task, future: Future) -> Any:
     """The outcome of a task that has ended, or its error."""
-    if (error := future.exception()) is not None:
-        return error
+    if (error := future.exception()) is not None or task.keep is None:
+        return error or future.result()
     try:
-        return future.result() if task.keep is None else task.keep(future.result())
+        return task.keep(future.result())
     except Exception as error:
         return error
 

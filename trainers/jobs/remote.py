@@ -24,9 +24,7 @@ from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run_folder as runs
-from trainers.training import snapshot as snapshots
-from trainers.training.machine import memory_needed
-from trainers.training.run import prepare, timing_of, train_in
+from trainers.training.run import memory_needed, prepare, timing_of, train_in
 from trainers.training.run_folder import RunError, RunFolder
 
 RETRIES = 3  # of a block whose process was killed: memory that runs out would end each of them
@@ -42,21 +40,21 @@ class Piece(NamedTuple):
     timings: list[dict[str, Any]]  # of its epochs
 
 
-def needs_of(settings: Settings) -> Needs:
-    """What a piece of a training needs of a node."""
-    on_gpu = settings.device != "cpu"
-    return Needs(settings.threads, float(on_gpu), LOADED + (0 if on_gpu else 2 * memory_needed(settings)))
+def needs_of(settings: Settings, memory: float | None = None) -> Needs:
+    """What a piece of a training needs of a node, or a task that takes so much memory [bytes]."""
+    on_gpu, memory = settings.device != "cpu", 2 * memory_needed(settings) if memory is None else memory
+    return Needs(settings.threads, float(on_gpu), LOADED + (0 if on_gpu else memory))
 
 
 @contextmanager
 def collectors(
-    settings: Settings, launcher: str, jobs: int | None = None, address: str | None = None
+    settings: Settings, launcher: str | None, jobs: int | None = None, address: str | None = None
 ) -> Iterator[Submit]:
     """What collects the decisions of a run, as `launched` says; after an error what is under way is dropped.
 
     Raises SettingsError where no blocks could go elsewhere, and as `launched` and `Ray.needing` do.
     """
-    if launcher != "here" and not settings.learning.block:
+    if launcher not in (None, "here") and not settings.learning.block:
         raise SettingsError(
             f"learning.block must be above 0, cells that launcher={launcher} lets decide in a task, got 0"
         )
@@ -76,26 +74,24 @@ def collectors(
 
 def needs_of_block(settings: Settings) -> Needs:
     """What the decisions of a block need of a node."""
-    learning, on_gpu = settings.learning, settings.device != "cpu"
+    learning, world = settings.learning, settings.training_world()
     cells = len(settings.seeds) * min(learning.block, learning.n_swimmers * learning.n_worlds)
-    world = settings.training_world()
     decisions = min(learning.collect or world.max_decisions, world.max_decisions)
-    memory = cells * (12 * world.observation_size * decisions + 8 * BLOCK)
-    return Needs(settings.threads, float(on_gpu), LOADED + (0 if on_gpu else memory))
+    return needs_of(settings, cells * (12 * world.observation_size * decisions + 8 * BLOCK))
 
 
 def advance(settings: Settings, before: Piece | None, epochs: int) -> Piece:
     """So many further epochs of a training."""
     training = prepare(settings)
     if before is not None:
-        snapshots.restore(training, load(before.tensors), before.record)
+        checkpoints.restore(training, load(before.tensors), before.record)
     timings = []
     for _ in range(epochs):
         started, decisions, updates = time.perf_counter(), training.decisions, training.algorithm.updates
         training.run_epoch()
         timings.append(timing_of(training, decisions, updates, time.perf_counter() - started))
-    held = {name: value.cpu().contiguous() for name, value in snapshots.tensors_of(training).items()}
-    return Piece(save(held), snapshots.record_of(training), timings)
+    held = {name: value.cpu().contiguous() for name, value in checkpoints.tensors_of(training).items()}
+    return Piece(save(held), checkpoints.record_of(training), timings)
 
 
 def train_through(executor: Executor, folder: Path, settings: Settings) -> None:
@@ -113,11 +109,10 @@ def train_through(executor: Executor, folder: Path, settings: Settings) -> None:
 
 def _advance_to_the_end(executor: Executor, run: RunFolder, settings: Settings) -> None:
     folder, epochs, every = run.path / runs.CHECKPOINTS, settings.learning.epochs, settings.checkpoint_every
-    checkpoints.tidy(folder)
     found = checkpoints.read_newest(folder, settings.identity())
     state = None if found is None else Piece(save(found[0]), found[1], [])
     done = 0 if state is None else state.record["epoch"]
-    timings: list[dict[str, Any]] = [each for each in run.rows(runs.TIMINGS) if int(each["epoch"]) <= done]
+    timings = [each for each in run.rows(runs.TIMINGS) if int(each["epoch"]) <= done]
     while done < epochs:
         state = executor.submit(advance, settings, state, min(every - done % every, epochs - done)).result()
         done, timings = state.record["epoch"], timings + state.timings

@@ -7,6 +7,7 @@ trained nor tested again, what is asked for no longer stays, but is not in the d
 
 import dataclasses
 import hashlib
+import itertools
 import json
 import os
 import shlex
@@ -25,21 +26,21 @@ from swarm.physics.world import World
 from swarm.policies.network import load_policy
 from swarm.policies.policy import AnyPolicy, fingerprint
 from swarm.population.contest import population_test
-from swarm.population.results import load_population, save_population
-from trainers.jobs.cluster import launched
+from swarm.population.results import save_population
+from trainers.jobs.cluster import HERE, Where, launched
 from trainers.jobs.executors import Task, run_tasks
-from trainers.jobs.study_dataset import Tested, as_dataset, table
-from trainers.jobs.study_figure import Request, axes_of, figure, request_of
+from trainers.jobs.statistics import beside, readable, summary
+from trainers.jobs.study_dataset import Tested, Tests, as_dataset
+from trainers.jobs.study_figure import Request, axes_of, lives_at, panels, request_of
 from trainers.jobs.study_plan import Plan, learnt, name_of, plan_of, stacks
 from trainers.jobs.sweep import MAX_NAME, trainings
 from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
-from trainers.training.machine import check_machine
+from trainers.training.run import check_machine
 from trainers.training.run_folder import RunError, RunFolder, is_run_folder
 
 FILE, DATASET, TABLE = "study.yaml", "study.nc", "study.csv"
 RUNS, TESTS, FIGURES = "runs", "tests", "figures"
-Where = tuple[str | None, int | None, str | None]
 
 
 class Found(NamedTuple):
@@ -51,7 +52,7 @@ class Found(NamedTuple):
 
 
 def study(
-    source: Path, out: Path | None = None, *, figures: Sequence[str] = (), where: Where = (None, None, None)
+    source: Path, out: Path | None = None, *, figures: Sequence[str] = (), where: Where = HERE
 ) -> Found:
     """Do what a study's file, or that of a study's folder, asks for: train and test what is missing, computed
     as `launched(*where)` says, and write dataset, table and figures.
@@ -64,11 +65,9 @@ def study(
         raise ValueError(f"--out must come with a study's file, {source} is a folder of one: got {out}")
     file = source / FILE if source.is_dir() else source
     folder = source if source.is_dir() else files.expanded(out or Path("runs") / source.stem)
-    plan = plan_of(file)
+    plan = plan_of(file, figures)
     for point in plan.points:
         check_machine(point.settings)
-    known: dict[str, Sequence[Any]] = {**plan.axes, "seed": plan.seeds, "test": plan.tests}
-    plan = plan._replace(figures=[*plan.figures, *(request_of(each, known) for each in figures)])
     if not (folder / FILE).is_file():
         files.check_new_folder(folder)
     with launched(*where):  # a cluster that begins here stays until all is done
@@ -93,11 +92,11 @@ def draw(folder: Path, wanted: Sequence[str]) -> list[Path]:
 
 
 def _draw(folder: Path, results: xr.Dataset, request: Request) -> Path:
-    from swarm.figures import save
+    from swarm.figures import save, sweeps
 
     path = folder / FIGURES / f"{request.name}.png"
     path.parent.mkdir(exist_ok=True)
-    save(figure(results, request), path)
+    save(sweeps(panels(results, request)), path)
     return path
 
 
@@ -172,48 +171,31 @@ def _done(folder: Path, outcomes: Sequence[Any], what: str) -> None:
 # --- tests --------------------------------------------------------------------------------------------------
 
 
-Files = dict[
-    tuple[int, int, str], tuple[Path, str, str]
-]  # by place, seed, test: with the policy in it, and the run
-
-
-def _tested(folder: Path, plan: Plan, runs: Runs, where: Where) -> Files:
+def _tested(folder: Path, plan: Plan, runs: Runs, where: Where) -> Tests:
     """The file of every test, which is there."""
-    found: Files = {}
+    found: Tests = {}
     tasks: dict[Path, Task] = {}
     for place, point in enumerate(plan.points):
         for path, settings in dict(runs[point.learnt, seed] for seed in plan.seeds).items():
-            run = RunFolder(path)
-            own = {f"seed {seed}": load_policy(each) for seed, each in run.policies(settings)}
+            own = {f"seed {seed}": load_policy(each) for seed, each in RunFolder(path).policies(settings)}
             for test, (world, sizes) in point.tests.items():
                 policies = own | point.references[test]
                 file = folder / TESTS / f"{test}-{_digest(world, policies, sizes)}.nc"
                 for seed in plan.seeds:
                     if runs[point.learnt, seed][0] == path:
-                        found[place, seed, test] = file, f"seed {seed}", path.name
+                        found[place, seed, test] = Tested(file, f"seed {seed}", path.name)
                 if not file.exists():
+                    how: dict[str, Any] = {**sizes, "life": world.life, "record": False}
+                    lived, keep = partial(population_test, **how), partial(save_population, path=file)
                     seconds = float(world.max_decisions * sizes["cells"] * sizes["worlds"] * len(policies))
-                    keep = partial(_keep, file)
-                    tasks[file] = Task(
-                        f"{path.name} {test}", lived, (world, policies, sizes), seconds, keep=keep
-                    )
+                    tasks[file] = Task(f"{path.name} {test}", lived, (world, policies), seconds, keep=keep)
     if tasks:
         (folder / TESTS).mkdir(exist_ok=True)
         _done(folder, run_tasks(list(tasks.values()), launched(*where), title="tests"), "tests")
     return found
 
 
-def lived(world: World, policies: Mapping[str, AnyPolicy], sizes: Mapping[str, Any]) -> xr.Dataset:
-    """The ends of all lives of a test."""
-    return population_test(world, policies, life=world.life, record=False, **sizes)
-
-
-def _keep(file: Path, results: xr.Dataset) -> None:
-    save_population(results, file)
-
-
 def _digest(world: World, policies: Mapping[str, AnyPolicy], sizes: Mapping[str, int]) -> str:
-    """Of all that decides what a test finds."""
     told = {name: fingerprint(policy) for name, policy in policies.items()}
     plain = json.dumps([world.described(), sizes, told, provenance.versions()], default=str)
     return hashlib.sha256(plain.encode()).hexdigest()[:16]
@@ -222,14 +204,15 @@ def _digest(world: World, policies: Mapping[str, AnyPolicy], sizes: Mapping[str,
 # --- what is written ----------------------------------------------------------------------------------------
 
 
-def _written(folder: Path, plan: Plan, tests: Files) -> Found:
-    loaded = {file: load_population(file) for file in {file for file, *_ in tests.values()}}
-    results = as_dataset(plan, {key: Tested(loaded[file], *names) for key, (file, *names) in tests.items()})
+def _written(folder: Path, plan: Plan, tests: Tests) -> Found:
+    results = as_dataset(plan, tests)
     with files.replacing(folder / DATASET) as temporary:
         results.to_netcdf(temporary, engine="h5netcdf")
-    rows = table(results)
-    files.write_text(folder / TABLE, rows.as_csv())
+    axes = {name: values for name, values in axes_of(results).items() if name != "seed"}
+    places = list(itertools.product(*axes.values()))
+    rows = [summary(lives_at(results, dict(zip(axes, each, strict=True)))) for each in places]
+    files.write_text(folder / TABLE, beside(list(axes), places, Table.of(rows)).as_csv())
     for request in plan.figures:
         with dispensable(f"{request.name}.png"):
             _draw(folder, results, request)
-    return Found(folder, results, rows)
+    return Found(folder, results, beside(list(axes), places, readable(rows)))

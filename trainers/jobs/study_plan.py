@@ -17,7 +17,7 @@ from swarm.physics.world import World
 from swarm.policies.policy import AnyPolicy
 from swarm.population.evaluation import named_policy
 from swarm.population.results import RIVAL
-from trainers.jobs.study_figure import Request, check_axis_name, request_of
+from trainers.jobs.study_figure import AXES, VARIABLES, Request, request_of
 from trainers.settings.composition import (
     SettingsError,
     by_value,
@@ -25,15 +25,17 @@ from trainers.settings.composition import (
     key_of,
     line_of,
     settings_from,
+    written,
 )
 from trainers.settings.learning import RULES, Count, Positive, Whole
-from trainers.settings.schema import Settings, unknown
+from trainers.settings.schema import Settings, dotted, unknown
 from trainers.training.run_folder import MAX_TEXT, plain_yaml
 
 NAME = r"[\w.+-]{1,80}"
 AFTER = ("seed", "n_seeds", "evaluation", "evaluate", "checkpoint_every", "tensorboard", "wandb")
-SECTIONS = ("world", "learning", "validation", "evaluation")
+SIZES = ("cells", "worlds", "seed")  # of a test
 Value = str | int | float
+Choice = tuple[Value, dict[str, Any]]  # a label of an axis, and its settings
 
 
 @dataclass(config=RULES, frozen=True, kw_only=True)
@@ -66,21 +68,7 @@ class StudySettings:
     @classmethod
     def _axes(cls, given: dict[str, Any]) -> dict[str, Any]:
         for name, values in given.items():
-            check_axis_name(name)
-            several = isinstance(values, list | dict) and len(values) > 0
-            if not several or (
-                isinstance(values, dict) and not all(isinstance(each, dict) for each in values.values())
-            ):
-                rule = "a list of values, or of each label the settings"
-                raise ValueError(f"grid.{name} must be {rule}, got {str(values)[:200]!r}")
-            labels = labels_of(values)
-            if len(set(labels)) < len(labels):
-                raise ValueError(f"grid.{name} must hold every value once, got {', '.join(map(str, labels))}")
-            for key in itertools.chain(
-                [name] if isinstance(values, list) else [],
-                *(values.values() if isinstance(values, dict) else []),
-            ):
-                _check_no_seed(f"grid.{name}", key)
+            _check_axis(name, values)
         return given
 
     @field_validator("settings")
@@ -138,22 +126,23 @@ class Plan(NamedTuple):
     figures: list[Request]
 
 
-def plan_of(file: Path) -> Plan:
-    """What a study's file asks for, all of it checked; raises SettingsError, PolicyError or OSError."""
+def plan_of(file: Path, figures: Sequence[str] = ()) -> Plan:
+    """What a study's file asks for, and further figures, all of it checked; raises SettingsError,
+    PolicyError, ValueError or OSError.
+    """
     text = files.read_bytes(file, at_most=MAX_TEXT).decode(errors="replace")
     try:
         values = plain_yaml(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise SettingsError(f"{file} must be YAML: {' '.join(str(error).split())}") from None
     study = _checked(values, file)
-    axes = {name: labels_of(each) for name, each in study.grid.items()}
+    choices = {name: choices_of(name, each) for name, each in study.grid.items()}
+    axes = {name: [label for label, _ in each] for name, each in choices.items()}
     references = list(dict.fromkeys([RIVAL, *study.policies]))
-    points = [
-        _point(study, chosen, references) for chosen in itertools.product(*map(_choices, study.grid.items()))
-    ]
+    points = [_point(study, chosen, references) for chosen in itertools.product(*choices.values())]
     known = axes | {"seed": study.seeds, "test": list(study.tests)}
-    figures = [request_of(each, known) for each in study.figures]
-    return Plan(text, axes, study.seeds, study.stack, points, list(study.tests), references, figures)
+    requests = [request_of(each, known) for each in (*study.figures, *figures)]
+    return Plan(text, axes, study.seeds, study.stack, points, list(study.tests), references, requests)
 
 
 def _checked(values: Any, file: Path) -> StudySettings:
@@ -163,12 +152,29 @@ def _checked(values: Any, file: Path) -> StudySettings:
         return TypeAdapter(StudySettings).validate_python(values)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
+        *outer, key = first["loc"]
         if first["type"] == "unexpected_keyword_argument":
-            kind = StudySettings if len(first["loc"]) == 1 else TestSettings
+            kind, have = (TestSettings, "tests have") if outer else (StudySettings, "studies have")
             known = [each.name for each in dataclasses.fields(kind)]
-            what = f"{file}: {'studies have' if len(first['loc']) == 1 else 'tests have'}"
-            raise SettingsError(unknown(str(first["loc"][-1]), known, what)) from None
+            raise SettingsError(unknown(str(key), known, f"{file}: {have}")) from None
         raise SettingsError(f"{file}: {line_of(error, values)}") from None
+
+
+def _check_axis(name: Any, values: Any) -> None:
+    """Raises ValueError unless an axis of the grid may be called so and have these values."""
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z_][\w.]*", name):
+        raise ValueError(f"grid must have axes named by letters, digits, dots and _, got {name!r}")
+    if name.removeprefix("reference_") in (taken := (*AXES, *VARIABLES)):
+        raise ValueError(f"grid must have axes of other names than {', '.join(taken)}, got {name}")
+    choices = choices_of(name, values) if isinstance(values, list | dict) else []
+    if not choices or not all(isinstance(settings, dict) for _, settings in choices):
+        rule = "a list of values, or of each label the settings"
+        raise ValueError(f"grid.{name} must be {rule}, got {str(values)[:200]!r}")
+    labels = [label for label, _ in choices]
+    if len(set(labels)) < len(labels):
+        raise ValueError(f"grid.{name} must hold every value once, got {', '.join(map(str, labels))}")
+    for key in itertools.chain(*(settings for _, settings in choices)):
+        _check_no_seed(f"grid.{name}", key)
 
 
 def _check_no_seed(where: str, key: Any) -> None:
@@ -176,31 +182,20 @@ def _check_no_seed(where: str, key: Any) -> None:
         raise ValueError(f"{where} must leave seeds to the key seeds, got {key}")
 
 
-def labels_of(values: Any) -> list[Value]:
-    """What the values of an axis are called."""
+def choices_of(name: str, values: Any) -> list[Choice]:
+    """Every label of an axis and its settings."""
+    settings = values.items() if isinstance(values, dict) else ((each, {name: each}) for each in values)
     return [
-        each if isinstance(each, str | int | float) and not isinstance(each, bool) else _written(each)
-        for each in values
+        (each if isinstance(each, Value) and not isinstance(each, bool) else written(each), chosen)
+        for each, chosen in settings
     ]
 
 
-Choice = tuple[Value, dict[str, Any]]
-
-
-def _choices(axis: tuple[str, Any]) -> list[Choice]:
-    """Every label of an axis and its settings."""
-    name, values = axis
-    labels = labels_of(values)
-    if isinstance(values, dict):
-        return list(zip(labels, values.values(), strict=True))
-    return [(label, {name: value}) for label, value in zip(labels, values, strict=True)]
-
-
 def _point(study: StudySettings, chosen: Sequence[Choice], references: Sequence[str]) -> Point:
-    keys = _dotted(study.settings)
+    keys = dotted(study.settings)
     for _, changes in chosen:
-        keys |= _dotted(changes)
-    words = [f"{key}={_written(value)}" for key, value in keys.items()]
+        keys |= dotted(changes)
+    words = [f"{key}={written(value)}" for key, value in keys.items()]
     for word in words:
         key_of(word)
     settings = settings_from([*words, f"seed={study.seeds[0]}"])
@@ -211,33 +206,21 @@ def _point(study: StudySettings, chosen: Sequence[Choice], references: Sequence[
     return Point(tuple(label for label, _ in chosen), settings, tests, rivals)
 
 
-def _dotted(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings by their own keys, so that a section leaves what it does not name as it was."""
-    return {
-        f"{key}.{name}" if parts is value else key: each
-        for key, value in given.items()
-        for parts in [value if key in SECTIONS and isinstance(value, dict) else {"": value}]
-        for name, each in parts.items()
-    }
-
-
 def tested_in(settings: Settings, name: str, test: TestSettings) -> tuple[World, dict[str, int]]:
     """The world of a test and its sizes; raises SettingsError unless the run's policies can steer there."""
-    own = dataclasses.asdict(settings.evaluation)
-    sizes = {each: getattr(test, each) for each in ("cells", "worlds", "seed")}
-    sizes = {each: own[each] if size is None else size for each, size in sizes.items()}
-    own |= {} if test.life is None else {"life": test.life}
+    given = {key: value for key, value in dataclasses.asdict(test).items() if value is not None}
+    own = dataclasses.asdict(settings.evaluation) | {key: given[key] for key in given if key != "world"}
     own |= {"field": None} if "field" in test.world else {}
     changed = {"world": settings.world | test.world, "evaluation": own}
     world = checked(dataclasses.asdict(settings) | changed, f"tests.{name}: ").test_world()
     learnt_in = settings.training_world()
-    shape, given = ((each.observation_size, each.n_actions) for each in (learnt_in, world))
-    if shape != given:
+    shape, found = ((each.observation_size, each.n_actions) for each in (learnt_in, world))
+    if shape != found:
         raise SettingsError(
             f"tests.{name}.world must leave policies their {shape[0]} inputs and {shape[1]} actions, "
-            f"got {given[0]} and {given[1]}"
+            f"got {found[0]} and {found[1]}"
         )
-    return world, sizes
+    return world, {each: own[each] for each in SIZES}
 
 
 def learnt(settings: Settings) -> str:
@@ -246,26 +229,12 @@ def learnt(settings: Settings) -> str:
     return json.dumps({key: told[key] for key in sorted(told) if key.split(".")[0] not in AFTER}, default=str)
 
 
-def _written(value: Any) -> str:
-    """A value of YAML as it is written in a word."""
-    match value:
-        case None | bool():
-            return json.dumps(value)
-        case dict():
-            return "{" + ", ".join(f"{key}: {_written(each)}" for key, each in value.items()) + "}"
-        case list():
-            return "[" + ", ".join(map(_written, value)) + "]"
-        case str():
-            return value if re.fullmatch(r"[A-Za-z_][\w.]*", value) else json.dumps(value, ensure_ascii=False)
-    return str(value)
-
-
 def stacks(seeds: Sequence[int], most: int) -> list[tuple[int, int]]:
     """Seeds in rows, so many in each at most: the first of each row, and how many."""
     found: list[tuple[int, int]] = []
     for seed in sorted(seeds):
-        first, count = found[-1] if found else (-1, 0)
-        if count and seed == first + count and count < most:
+        first, count = found[-1] if found else (seed, most)
+        if count < most and seed == first + count:
             found[-1] = first, count + 1
         else:
             found.append((seed, 1))

@@ -10,36 +10,34 @@ import os
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import nullcontext
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
 from swarm._support import files
-from swarm._support.checks import check_count, check_name
-from trainers.jobs.cluster import LAUNCHERS, Ray, launched
+from swarm._support.checks import check_name
+from trainers.jobs.cluster import JOBS, KEYS, LAUNCHER, Ray, launched, launcher_of
 from trainers.jobs.executors import Task, run_tasks
 from trainers.jobs.remote import needs_of, train_through
 from trainers.settings.composition import (
     SettingsError,
     by_value,
+    differing,
     key_of,
     readable,
     settings_from,
     settings_from_stored,
 )
 from trainers.settings.schema import Settings
-from trainers.training.machine import check_machine
-from trainers.training.run import train_in
+from trainers.training.run import check_machine, train_in
 from trainers.training.run_folder import RunError, RunFolder, is_run_folder, part_done
 
 FOLDER, HYDRAS, HYDRAS_JOBS = "hydra.sweep.dir", "hydra/launcher", "hydra.launcher.n_jobs"  # Hydra's words
-OPTIONS = ("launcher.jobs", "launcher.address")
-OWN = ("hydra", "launcher")
+OWN = ("hydra", LAUNCHER)
 MAX_NAME = 240  # [bytes] of a run's folder, whose temporary sibling has a name of at most 255
 
 
@@ -58,22 +56,17 @@ def sweep(words: Sequence[str]) -> None:
     for settings in runs.values():
         check_machine(settings)
     folder = _sweep_folder(own.get(FOLDER), runs)
-    with ExitStack() as held:
-        if launcher == "ray":
-            held.enter_context(files.owned(folder))
-        _run(folder, runs, launched(launcher, workers, address))
-
-
-def _run(folder: Path, runs: Mapping[str, Settings], executor: Executor) -> None:
     quoted = shlex.quote(str(folder))
-    print(f"{len(runs)} runs in {folder}")
     again = f"the same command with {FOLDER}={quoted} goes on with them"
-    tasks, trainers = trainings({folder / name: each for name, each in runs.items()}, executor)
-    try:
-        outcomes = run_tasks(tasks, trainers, title="sweep")
-    except KeyboardInterrupt as stopped:
-        stopped.add_note(again)
-        raise
+    with files.owned(folder) if launcher == "ray" else nullcontext():
+        executor = launched(launcher, workers, address)
+        print(f"{len(runs)} runs in {folder}")
+        tasks, trainers = trainings({folder / name: each for name, each in runs.items()}, executor)
+        try:
+            outcomes = run_tasks(tasks, trainers, title="sweep")
+        except KeyboardInterrupt as stopped:
+            stopped.add_note(again)
+            raise
     if left := sum(isinstance(outcome, BaseException) for outcome in outcomes):
         raise RunError(f"{left} of {len(runs)} runs did not finish; {again}")
     print(f"all {len(runs)} runs are in {folder}; swarm compare {quoted}/* shows them side by side")
@@ -83,14 +76,13 @@ def trainings(runs: Mapping[Path, Settings], executor: Executor) -> tuple[list[T
     """Tasks that train these runs in their folders, and what does them: on a cluster only epochs are
     computed, this process keeps the folders.
     """
-    do: Callable[..., None] = train_in
-    first: list[tuple[Any, ...]] = [()] * len(runs)
+    trainers: list[Callable[..., None]] = [train_in] * len(runs)
     if isinstance(executor, Ray):
-        do, first = train_through, [(executor.needing(needs_of(each)),) for each in runs.values()]
+        trainers = [partial(train_through, executor.needing(needs_of(each))) for each in runs.values()]
         executor = ThreadPoolExecutor(max(len(runs), 1))  # each waits for its run's pieces
     tasks = [
-        Task(path.name, do, (*begin, path, each), part_done=partial(part_done, path, each.learning.epochs))
-        for begin, (path, each) in zip(first, runs.items(), strict=True)
+        Task(path.name, train, (path, each), part_done=partial(part_done, path, each.learning.epochs))
+        for train, (path, each) in zip(trainers, runs.items(), strict=True)
     ]
     return tasks, executor
 
@@ -98,23 +90,12 @@ def trainings(runs: Mapping[Path, Settings], executor: Executor) -> tuple[list[T
 def _launcher(own: dict[str, str]) -> tuple[str, int | None, str | None]:
     """Where a sweep runs, by its own words and by Hydra's: launcher, jobs, address."""
     for key in own:
-        check_name("own key of a sweep", key, (FOLDER, HYDRAS, HYDRAS_JOBS, "launcher", *OPTIONS))
+        check_name("own key of a sweep", key, (FOLDER, HYDRAS, HYDRAS_JOBS, *KEYS))
     words = {"basic": "here", "joblib": "processes"}
     hydras = words[check_name(HYDRAS, own.get(HYDRAS, "joblib"), words)]
-    jobs = own.get(OPTIONS[0], own.get(HYDRAS_JOBS))
-    named = {"launcher": own.get("launcher", hydras)} | ({} if jobs is None else {OPTIONS[0]: jobs})
-    launcher, number, address = launcher_of(named | {key: own[key] for key in OPTIONS[1:] if key in own})
-    return launcher, None if launcher == "here" else number, address
-
-
-def launcher_of(own: Mapping[str, str]) -> tuple[str, int | None, str | None]:
-    """Launcher, jobs and address that the words `launcher`, `launcher.jobs` and `launcher.address` name."""
-    for key in own:
-        check_name("key of a launcher", key, ("launcher", *OPTIONS))
-    launcher = check_name("launcher", own.get("launcher", "here"), LAUNCHERS)
-    number = own.get(OPTIONS[0])
-    jobs = None if number is None else check_count(OPTIONS[0], int(number) if number.isdecimal() else number)
-    return launcher, jobs, own.get(OPTIONS[1])
+    given = {LAUNCHER: hydras} | ({JOBS: own[HYDRAS_JOBS]} if HYDRAS_JOBS in own else {}) | own
+    launcher, jobs, address = launcher_of({key: given[key] for key in KEYS if key in given})
+    return launcher, None if launcher == "here" else jobs, address
 
 
 def wanted(words: Sequence[str]) -> dict[str, Settings]:
@@ -152,10 +133,8 @@ def named(combinations: Sequence[Sequence[str]]) -> list[str]:
         if names.count(name) > 1:
             raise RunError(f"combinations must differ, got the same one {names.count(name)} times")
         if len(os.fsencode(name)) > MAX_NAME:
-            raise RunError(
-                f"a run's folder is named by what is swept in at most {MAX_NAME} bytes, got {name}: "
-                "sweep over fewer keys at once"
-            )
+            rule = f"a run's folder is named by what is swept in at most {MAX_NAME} bytes"
+            raise RunError(f"{rule}, got {name}: sweep over fewer keys at once")
     return names
 
 
@@ -186,8 +165,8 @@ def _check_there(path: Path, settings: Settings) -> None:
     if not is_run_folder(path):
         return
     try:
-        stored = settings_from_stored(RunFolder.open(path)[1], path).identity()
-        other = ", ".join(key for key, value in settings.identity().items() if stored[key] != value)
+        stored = settings_from_stored(RunFolder.open(path)[1], path)
+        other = ", ".join(differing([settings.identity(), stored.identity()]))
     except (RunError, SettingsError) as error:
         other = f"version's settings ({error})"
     if other:

@@ -141,7 +141,7 @@ def trained(planned: Sequence[Training]) -> dict[Key, Trained]:
 
 def curve_of(table: Mapping[str, np.ndarray], settings: Settings, seeds: Sequence[int]) -> TrainingCurve:
     """The curve of an experiment with these metrics (seeds, epochs)."""
-    from trainers.training.validation import Validation  # it needs torch, and shipped curves do not
+    from trainers.training.loop import Validation  # it needs torch, and shipped curves do not
 
     validated = np.flatnonzero(np.isfinite(table["gain"][0]))
     gain = table["gain"][:, validated]

@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -83,6 +83,20 @@ def settings_from(words: Sequence[str] = ()) -> Settings:
     except (HydraException, OmegaConfBaseException, TypeError, ValueError, AttributeError) as error:
         raise SettingsError(readable(error, words)) from None
     return checked(values)
+
+
+def written(value: Any) -> str:
+    """A value as it is written in a `key=value` word."""
+    match value:
+        case None | bool():
+            return json.dumps(value)
+        case dict():
+            return "{" + ", ".join(f"{key}: {written(each)}" for key, each in value.items()) + "}"
+        case list() | tuple():
+            return "[" + ", ".join(map(written, value)) + "]"
+        case str() if not re.fullmatch(r"[A-Za-z_][\w.]*", value):
+            return json.dumps(value, ensure_ascii=False)
+    return str(value)
 
 
 def key_of(word: str) -> str:
@@ -173,6 +187,12 @@ def by_value(settings: Settings) -> dict[str, Any]:
             with suppress(TypeError, ValueError, OSError):  # one that has no defaults
                 told[key] = part["type"] if known.describe(known.make(part["type"])) == part else part
     return told
+
+
+def differing(told: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The keys whose values are not the same in all of them."""
+    keys = dict.fromkeys(key for each in told for key in each)
+    return [key for key in keys if any(each.get(key, ...) != told[0].get(key, ...) for each in told)]
 
 
 def settings_of(policy: str, experiment: str | None) -> Settings:

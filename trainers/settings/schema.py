@@ -6,7 +6,7 @@ import functools
 import itertools
 import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any, Literal, Self
 
@@ -20,6 +20,7 @@ from swarm.physics.world.rules import PARTS, as_data
 from swarm.policies.policy_file import MAX_FILE, MAX_HEADER, MAX_LAYERS, MAX_WIDTH
 from trainers.settings.learning import ALGORITHMS, RULES, Count, Flag, LearningSettings, Positive, Whole
 
+SECTIONS = ("world", "learning", "validation", "evaluation")
 CELLS = 40  # of a population whose cells are independent
 MAX_PLACE = 1e5  # [length] of a start, where float32 tells places 0.008 apart
 
@@ -157,15 +158,20 @@ class Settings:
 
     def dotted(self) -> dict[str, Any]:
         """Every key, as it is written in words, and its value; of data their checksum."""
-        flat: dict[str, Any] = {}
-        for name, value in self.identity().items():
-            inner = value.items() if isinstance(value, dict) else ()
-            flat |= {f"{name}.{key}": each for key, each in inner} or {name: value}
-        return flat
+        return dotted(self.identity())
 
     def as_yaml(self) -> str:
         """As they are shown, and stored in a run's folder."""
         return yaml.safe_dump(dataclasses.asdict(self), sort_keys=False)
+
+
+def dotted(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings by their own keys: those of a section one by one."""
+    found: dict[str, Any] = {}
+    for key, value in given.items():
+        inner = key in SECTIONS and isinstance(value, Mapping)
+        found |= {f"{key}.{name}": each for name, each in value.items()} if inner else {key: value}
+    return found
 
 
 @functools.lru_cache(maxsize=8)

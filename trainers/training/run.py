@@ -1,5 +1,8 @@
 """Runs: a training in its folder. A run that is stopped anywhere goes on as if it had never been."""
 
+import importlib.util
+import re
+import shlex
 import signal
 import threading
 import time
@@ -9,21 +12,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 import trainers.algorithms  # noqa: F401, first of all that training needs
 from swarm._support import files, provenance
+from swarm._support.checks import check_memory
 from swarm._support.terminal import dispensable, tell
 from swarm.policies.network import save_policy
+from swarm.population.blocks import block as blocks
 from swarm.population.evaluation import Evaluation, evaluate
+from trainers.algorithms.base import learner_of
 from trainers.algorithms.spread import Submit
 from trainers.settings.composition import SettingsError, settings_from_stored
 from trainers.settings.schema import Settings
 from trainers.training import checkpoint as checkpoints
 from trainers.training import run_folder as runs
-from trainers.training import snapshot as snapshots
 from trainers.training.checkpoint import CheckpointError
 from trainers.training.loop import Training
-from trainers.training.machine import check_machine
 from trainers.training.run_folder import RunError, RunFolder
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -33,6 +38,45 @@ Report = Callable[[Training, float], None]  # called after each epoch with the s
 
 class Interrupted(KeyboardInterrupt):
     """The user stopped the run; everything is saved."""
+
+
+def check_machine(settings: Settings) -> None:
+    """Raises SettingsError that names what is missing and the setting that asks for it."""
+    for name in ("tensorboard", "wandb"):
+        if getattr(settings, name) and importlib.util.find_spec(name) is None:
+            raise SettingsError(f"{name}=true needs {name}, which is not installed: pip install {name}")
+    if settings.device != "cpu":
+        return _check_device(settings.device)
+    try:
+        held = "buffer_size, n_swimmers, n_worlds, batch_size"
+        rule = f"n_seeds, world.n_records, or what learning holds ({held}) must be smaller"
+        check_memory(memory_needed(settings), rule)
+        if settings.evaluate:
+            test = settings.evaluation
+            rule = "evaluation.cells must be fewer, or evaluation.life shorter, got"
+            cells = test.cells * test.worlds
+            needed = blocks.memory_needed(settings.test_world(), cells)
+            check_memory(needed, f"{rule} {cells} and {test.life:g}")
+    except ValueError as error:
+        raise SettingsError(str(error)) from None
+
+
+def memory_needed(settings: Settings) -> int:
+    """Bytes a run works with, roughly, and rather too few than too many."""
+    learning, world = settings.learning, settings.training_world()
+    decisions = min(learning.collect or world.max_decisions, world.max_decisions)
+    validated = settings.validation.cells * settings.validation.worlds
+    cells = 2 * decisions * learning.n_worlds * learning.n_swimmers + validated
+    own = learner_of(settings).memory_needed(settings)
+    return settings.n_seeds * (8 * world.observation_size * cells + own)
+
+
+def _check_device(device: str) -> None:
+    kind, number = re.fullmatch(r"(\w+?)(?::(\d+))?", device).groups()  # type: ignore[union-attr]
+    backend = torch.backends.mps if kind == "mps" else getattr(torch, kind)
+    count = 1 if kind == "mps" else backend.device_count()
+    if not backend.is_available() or int(number or 0) >= count:
+        raise SettingsError(f"device must be one that torch finds here, got {device!r}; cpu is always there")
 
 
 def prepare(settings: Settings, submit: Submit | None = None) -> Training:
@@ -97,11 +141,12 @@ def complete(training: Training, run: RunFolder, *, report: Report | None = None
             with dispensable(run.path / runs.FIGURE):
                 draw(training, run)
             run.mark_finished()
-            return _test(training.settings, run)
+            wanted = training.settings.evaluate and not (run.path / runs.TEST).exists()
+            return _test(training.settings, run) if wanted else None
     except (OSError, MemoryError, KeyboardInterrupt) as error:
         if not isinstance(error, Interrupted):
             error.add_note("what was saved before is kept")
-        error.add_note(f"to go on: swarm train resume={run.quoted}")
+        error.add_note(f"to go on: swarm train resume={shlex.quote(str(run.path))}")
         raise
 
 
@@ -109,18 +154,16 @@ def test(settings: Settings, run: RunFolder) -> Evaluation | None:
     """Test the policy of a finished run where that is wanted and was not done; raises RunError where another
     process works on the run.
     """
-    if settings.evaluate and not (run.path / runs.TEST).exists():
-        with run.owned():
-            return _test(settings, run)
-    return None
+    if not settings.evaluate or (run.path / runs.TEST).exists():
+        return None
+    with run.owned():
+        return _test(settings, run)
 
 
-def _test(settings: Settings, run: RunFolder) -> Evaluation | None:
+def _test(settings: Settings, run: RunFolder) -> Evaluation:
     from swarm.figures.evaluation import save_evaluation
 
     folder, wanted = run.path / runs.TEST, settings.evaluation
-    if not settings.evaluate or folder.exists():
-        return None
     options = {name: getattr(wanted, name) for name in ("cells", "worlds", "life", "seed")}
     tested = evaluate(run.path, settings.test_world(), experiment=settings.experiment, **options)
     save_evaluation(tested, folder)
@@ -143,7 +186,7 @@ def train(training: Training, run: RunFolder, *, report: Report | None = None) -
             last = training.epoch == settings.learning.epochs
             stopping = asked_to_stop() and not last
             if last or stopping or training.epoch % settings.checkpoint_every == 0:
-                state = snapshots.tensors_of(training), snapshots.record_of(training)
+                state = checkpoints.tensors_of(training), checkpoints.record_of(training)
                 checkpoints.write(folder, training.epoch, *state, settings.identity())
             if report is not None:
                 report(training, seconds)
@@ -157,13 +200,12 @@ def _go_on(training: Training, run: RunFolder) -> None:
     one.
     """
     folder, settings = run.path / runs.CHECKPOINTS, training.settings
-    checkpoints.tidy(folder)
-    at_most = snapshots.largest(training) if folder.is_dir() else 0
+    at_most = checkpoints.largest(training) if folder.is_dir() else 0
     found = checkpoints.read_newest(folder, settings.identity(), at_most=at_most)
     if found is not None:
         tensors, record, complaints = found
         try:
-            snapshots.restore(training, tensors, record)
+            checkpoints.restore(training, tensors, record)
         except CheckpointError as error:
             raise CheckpointError(f"{folder}: {error}") from None
         for complaint in complaints:
@@ -188,16 +230,9 @@ def _epoch(training: Training, run: RunFolder, log: Log) -> float:
 
 def timing_of(training: Training, decisions: int, updates: int, seconds: float) -> dict[str, Any]:
     """The row of timings of the epoch that was begun after so many decisions and updates."""
-    return {
-        "epoch": training.epoch,
-        "seconds": seconds,
-        "decisions_per_second": _rate(training.decisions - decisions, seconds),
-        "updates_per_second": _rate(training.algorithm.updates - updates, seconds),
-    }
-
-
-def _rate(number: int, seconds: float) -> float | None:
-    return number / seconds if seconds > 0 else None  # of a clock that stands
+    done = training.decisions - decisions, training.algorithm.updates - updates
+    rates = [number / seconds if seconds > 0 else None for number in done]  # of a clock that stands
+    return dict(zip(runs.TIMING_COLUMNS, (training.epoch, seconds, *rates), strict=True))
 
 
 def save_policies(training: Training, run: RunFolder) -> None:

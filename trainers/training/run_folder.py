@@ -7,7 +7,6 @@ import io
 import json
 import os
 import re
-import shlex
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -107,26 +106,18 @@ class RunFolder:
         record = self.record | {"finished": True}
         files.write_text(self.path / PROVENANCE, json.dumps(record, indent=2) + "\n")
 
-    @property
-    def quoted(self) -> str:
-        """The path as it is written in a shell."""
-        return shlex.quote(str(self.path))
-
     def tidy(self) -> None:
         """Remove what killed writes left behind; only for the one process that owns the run."""
-        seeds = [folder for folder in self.path.glob("seed_*") if not folder.is_symlink()]
-        for path in (path for folder in (self.path, *seeds) for path in folder.glob(".*.*")):
+        within = [self.path / CHECKPOINTS, *self.path.glob("seed_*")]
+        folders = [self.path, *(folder for folder in within if not folder.is_symlink())]
+        for path in (path for folder in folders for path in folder.glob(".*.*")):
             if re.fullmatch(r"\..+\.[0-9a-f]{12}", path.name) and not path.is_symlink():
                 shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
-
-    def seed_folder(self, seed: int) -> Path:
-        """Where a seed's policy lies in a run of several."""
-        return self.path / f"seed_{seed}"
 
     def policies(self, settings: Settings) -> Iterator[tuple[int, Path]]:
         """Every seed and where its kept policy lies; stored settings may name any number of them."""
         for seed in range(settings.seed, settings.seed + settings.n_seeds):
-            yield seed, self.policy if settings.n_seeds == 1 else self.seed_folder(seed) / POLICY
+            yield seed, self.policy if settings.n_seeds == 1 else self.path / f"seed_{seed}" / POLICY
 
     def rewrite(self, name: str, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
         """A table from its beginning: what a killed run wrote after its last checkpoint goes."""
