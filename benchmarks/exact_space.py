@@ -87,7 +87,7 @@ def _helices() -> float:
     pose, errors = Pose(np.zeros((len(PAIRS), 3)), rotations(len(PAIRS))), []
     for duration in (0.08, 0.9, -0.3):
         given = *PAIRS.T, 2.0, duration
-        after = helix.along(pose, helix.screw(*PAIRS.T, np.full(len(PAIRS), 2.0 * duration)))
+        after = helix.along_helix(pose, helix.helix(*PAIRS.T, np.full(len(PAIRS), 2.0 * duration)))
         errors.append(np.abs(place_and_frame(after) - reference(pose, *given)).max())
     return float(max(errors))
 
@@ -98,7 +98,9 @@ def _turns() -> float:
     w, pose = np.hypot(curvature, torsion), Pose(np.zeros((3, 3)), frames)
     t, n, b = np.moveaxis(matrix(frames), -2, 0)
     pitch = (2 * np.pi * torsion / w**3)[:, None] * (torsion[:, None] * t + curvature[:, None] * b)
-    full, half = (helix.along(pose, helix.screw(curvature, torsion, turn / w)) for turn in (2 * np.pi, np.pi))
+    full, half = (
+        helix.along_helix(pose, helix.helix(curvature, torsion, turn / w)) for turn in (2 * np.pi, np.pi)
+    )
     errors = (
         full.position - pitch,
         matrix(full.heading) - matrix(frames),
@@ -110,7 +112,7 @@ def _turns() -> float:
 @law("Without torsion: the arc of the plane", 1e-15)
 def _arcs() -> float:
     curvature, length = np.meshgrid([5.0, -3.0, 1e-6, 0.0], [0.08, 1.0, -0.5])
-    parts = helix.screw(curvature, 0 * curvature, length)
+    parts = helix.helix(curvature, 0 * curvature, length)
     (x, ahead), (y, aside) = arc.arc(curvature, np.ones_like(length), length)
     tangent = helix.tangent_parts(parts[3:])
     errors = zip([*parts[:3], *tangent], [x, y, 0 * x, ahead, aside, 0 * x], strict=True)
@@ -125,7 +127,7 @@ def _approach() -> float:
     low, high = np.zeros(200), length
     for _ in range(9):
         steps = low + np.linspace(0, 1, 101)[:, None] * (high - low)
-        places = helix.along(pose, helix.screw(curvature, torsion, steps)).position
+        places = helix.along_helix(pose, helix.helix(curvature, torsion, steps)).position
         distance = np.linalg.norm(places, axis=-1)
         nearest = steps[distance.argmin(axis=0), np.arange(200)]
         low, high = (
@@ -145,7 +147,7 @@ def _steering() -> float:
         before = matrix(pose.heading)[0]
         for wave in small * np.cos(phases):  # the signal is highest where n points down the gradient
             arcs = np.array([curvature + swing[0] * wave]), np.array([torsion + swing[1] * wave])
-            pose = helix.along(pose, helix.screw(*arcs, np.array([2 * np.pi / w / steps])))
+            pose = helix.along_helix(pose, helix.helix(*arcs, np.array([2 * np.pi / w / steps])))
         axes = [(torsion * t + curvature * b) / w for t, _, b in (before, matrix(pose.heading)[0])]
         rate = 0.5 * (curvature * swing[1] - torsion * swing[0]) / w * 2 * np.pi / w
         errors.append(np.abs((axes[1] - axes[0]) / small + rate * before[1]).max())

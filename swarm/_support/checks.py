@@ -36,6 +36,12 @@ def check_options(options: Any) -> dict[str, Any]:
     return options or {}
 
 
+def check_rule(holds: bool, rule: str, value: Any) -> None:
+    """Raises ValueError that tells the rule and the value unless it holds."""
+    if not holds:
+        raise ValueError(f"{rule}, got {value}")
+
+
 def check_number(
     name: str, value: Any, *, above: float | None = None, at_least: float | None = None
 ) -> float:

@@ -128,8 +128,8 @@ class _Decisions:
         moved, turned = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
         for action in sequences[number]:
             screw = problem.screw(action, problem.duration(action, left))
-            moved = moved + rotated(turned, screw.displacement)
-            turned = product(turned, screw.rotation)
+            moved = moved + rotated(turned, np.stack(screw[:3]))
+            turned = product(turned, np.stack(screw[3:]))
             left = int(problem.after(action, left))
         self.gain = sphere.directions @ moved
         index, weights = sphere.nodes(rotated(conjugate(turned), sphere.directions))

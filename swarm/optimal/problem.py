@@ -19,7 +19,7 @@ from swarm.physics.fields import LinearField
 from swarm.physics.flows import StillWater, TaylorGreen
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.collocation import swim
-from swarm.physics.motion.helix import Screw, along_helix, helix
+from swarm.physics.motion.helix import along_helix, helix
 from swarm.physics.world import World
 
 CUBIC = np.arange(-1, 3)  # the neighbours that a cubic reading goes through
@@ -58,12 +58,12 @@ class Problem:
         """Ticks left (...) after that interval."""
         return np.maximum(np.asarray(left) - self.ticks[action], 0)
 
-    def screw(self, action: int, duration: np.ndarray) -> Screw:
+    def screw(self, action: int, duration: np.ndarray) -> tuple[np.ndarray, ...]:
         """What a cell in space swims for a time (...) with `action`."""
         assert self.torsions is not None
         same = np.ones(np.shape(duration))
         kappa, tau, speed = (each[action] * same for each in (self.curvatures, self.torsions, self.speeds))
-        return helix(kappa, tau, speed, duration)
+        return helix(kappa, tau, speed * duration)
 
     def moved(self, pose: Pose, action: int, duration: np.ndarray) -> Pose:
         if self.torsions is not None:

@@ -14,9 +14,9 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from swarm._support.arrays import as_array, join, namespace
-from swarm._support.checks import Checked, check_count, check_number, parameter
+from swarm._support.checks import Checked, check_count, check_number, check_rule, parameter
 from swarm._support.registry import Registry
-from swarm.physics.motion.arc import components
+from swarm.physics.motion.arc import components, turned
 from swarm.physics.motion.collocation import velocity_and_spin, velocity_and_vorticity
 
 Array = Any
@@ -108,11 +108,9 @@ class MemoryWithFlow(Memory):
 
     def check(self, world: World) -> None:
         """Raises ValueError where the flow has nothing to normalise by."""
-        if not (world.flow.speed_scale > 0 and world.flow.spin_scale > 0):
-            raise ValueError(
-                "sense_flow must go with a flow with speed_scale and spin_scale above 0 to normalise by, "
-                f"got speed_scale {world.flow.speed_scale:g} and spin_scale {world.flow.spin_scale:g}"
-            )
+        speed, spin = world.flow.speed_scale, world.flow.spin_scale
+        rule = "sense_flow must go with a flow with speed_scale and spin_scale above 0 to normalise by"
+        check_rule(speed > 0 and spin > 0, rule, f"speed_scale {speed:g} and spin_scale {spin:g}")
 
     def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
         """c κ̄/c_k, κ*, u_x*, u_y*, ω₀*."""
@@ -132,7 +130,8 @@ class MemoryWithFlow(Memory):
                 (getattr(flow, "max_spin", None), flow.spin_scale),
             )
         )
-        return *super().bounds(world), speed, speed, spin
+        axes = world.dimensions
+        return *super().bounds(world), *axes * [speed], *(2 * axes - 3) * [spin]
 
 
 @SENSORS.register("memory_with_flow_in_space")
@@ -152,11 +151,6 @@ class MemoryWithFlowInSpace(MemoryWithFlow):
         sensed = (each * scale for each, scale in zip(found, scales, strict=True))
         return *Memory.record(self, world, time, situation), *sensed
 
-    def bounds(self, world: World) -> Sequence[float]:
-        """The flow's own bounds."""
-        *plain, speed, _, spin = super().bounds(world)
-        return *plain[:2], *3 * [speed], *3 * [spin]
-
 
 @SENSORS.register("memory_with_traits")
 @dataclass(frozen=True)
@@ -168,8 +162,8 @@ class MemoryWithTraits(Memory):
 
     def check(self, world: World) -> None:
         """Raises ValueError where cells are all alike."""
-        if world.spread is None:
-            raise ValueError("sensor memory_with_traits must go with a world that has a spread, got None")
+        rule = "sensor memory_with_traits must go with a world that has a spread"
+        check_rule(world.spread is not None, rule, None)
 
     def record(self, world: World, time: Array, situation: Situation) -> Sequence[Array]:
         """c κ̄/c_k, κ*, and both factors less 1."""
@@ -231,8 +225,9 @@ class MemoryWithNeighbours(Checked):
         squared = x * x + y * y
         nowhere = xp.full_like(squared, math.inf)
         squared = xp.where(others & (squared < self.range**2), squared, nowhere)
-        heading = situation.heading[..., 0], situation.heading[..., 1]
-        makers = [xp.broadcast_to(each[..., None, :], x.shape) for each in heading]
+        ahead, aside = components(situation.heading)
+        frame = ahead, -aside  # by which the lab is turned into the cell's frame
+        makers = [xp.broadcast_to(each[..., None, :], x.shape) for each in (ahead, aside)]
         seen: list[Array] = []
         for _ in range(self.k):
             nearest = xp.argmin(squared, axis=-1)[..., None]
@@ -243,15 +238,10 @@ class MemoryWithNeighbours(Checked):
             distance = xp.sqrt(xp.where(close, far, xp.zeros_like(far)))
             closeness = xp.where(close, 1 - distance / self.range, xp.zeros_like(far))
             per_length = closeness / xp.where(distance > 0, distance, xp.ones_like(distance))
-            seen += _in_frame(heading, found[0] * per_length, found[1] * per_length)
-            seen += _in_frame(heading, found[2] * closeness, found[3] * closeness)
+            seen += turned((found[0] * per_length, found[1] * per_length), *frame)
+            seen += turned((found[2] * closeness, found[3] * closeness), *frame)
             squared = xp.where(row == nearest, nowhere, squared)
         return seen
-
-
-def _in_frame(heading: tuple[Array, Array], x: Array, y: Array) -> tuple[Array, Array]:
-    """A vector's parts along the heading and to its left."""
-    return x * heading[0] + y * heading[1], y * heading[0] - x * heading[1]
 
 
 def described(sensor: Sensor) -> str | dict[str, Any]:
@@ -267,9 +257,9 @@ def check_sensor(name: str, value: Any) -> Sensor:
         rule = f"{name} must be an object with name, names, record(world, time, situation) and bounds(world)"
         raise TypeError(f"{rule}, or one of {', '.join(sorted(SENSORS))}, got {sensor!r}")
     names = sensor.names
-    if tuple(names[:2]) != Memory.names or len(set(names)) != len(names):
-        rule = f"{name}.names must be {', '.join(Memory.names)} and further ones, each once"
-        raise ValueError(f"{rule}, got {', '.join(map(str, names))}")
+    known = tuple(names[:2]) == Memory.names and len(set(names)) == len(names)
+    rule = f"{name}.names must be {', '.join(Memory.names)} and further ones, each once"
+    check_rule(known, rule, ", ".join(map(str, names)))
     return sensor
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 from swarm._support.arrays import namespace
+from swarm._support.checks import check_rule
 from swarm._support.registry import Registry
 
 Array = Any
@@ -63,8 +64,8 @@ class Arrival:
 
     def check(self, world: World) -> None:
         """Raises ValueError where nobody races."""
-        if world.first_arrivals is None:
-            raise ValueError("reward 'arrival' must go with first_arrivals, got a world without a race")
+        rule = "reward 'arrival' must go with first_arrivals"
+        check_rule(world.first_arrivals is not None, rule, "a world without a race")
 
     def reward(self, world: World, before: State, after: State, outcome: Outcome) -> Array:
         """Who has won now and had not before: later arrivals never take a win away."""
@@ -82,8 +83,8 @@ class Eaten:
 
     def check(self, world: World) -> None:
         """Raises ValueError where nobody eats."""
-        if world.medium is None or world.medium.uptake == 0:
-            raise ValueError(f"reward 'eaten' must go with a medium with uptake, got medium={world.medium!r}")
+        eats = world.medium is not None and world.medium.uptake > 0
+        check_rule(eats, "reward 'eaten' must go with a medium with uptake", f"medium={world.medium!r}")
 
     def reward(self, world: World, before: State, after: State, outcome: Outcome) -> Array:
         """The amounts eaten since, by the whole ΔT also in the last decision, which may be shorter."""

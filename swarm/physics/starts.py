@@ -15,7 +15,6 @@ from swarm.physics.world import World
 
 NOISE_BLOCK = 64  # decisions whose random numbers are drawn at once, everywhere
 _ATTEMPTS = 1000
-_Draw = Callable[[np.random.Generator, int], np.ndarray]
 
 
 class Starts(NamedTuple):
@@ -59,28 +58,27 @@ def draw_starts(
     check_count("cells", cells)
     streams.check_seed(seed)
 
-    def drawn(draw: _Draw, purpose: streams.Purpose, *attempt: int) -> np.ndarray:
-        return streams.by_cell(draw, cells, population, purpose, seed, episode, *attempt, first=first)
-
+    where: Any = {"population": population, "episode": episode, "first": first}
+    drawn: Any = functools.partial(_drawn, seed, cells, **where)
     pose, axes = functools.partial(_draw_poses, world), world.dimensions
-    poses = drawn(pose, "start")
+    poses = drawn("start", pose)
     for attempt in range(1, _ATTEMPTS):
         taken = _in_egg(world, poses[:, :axes])
         for inside in world.domains:
             taken = taken | ~np.asarray(inside(poses[:, :axes]))
         if not taken.any():
             break
-        poses = np.where(taken[:, None], drawn(pose, "start", attempt), poses)
+        poses = np.where(taken[:, None], drawn("start", pose, attempt), poses)
     else:
         rule = "outside the egg (position, radius)" if world.egg else "in the domain of field and flow, egg"
         raise ValueError(f"start_box must leave room {rule} = {world.egg}, got {world.box}")
     records, actions = world.n_records, world.n_actions
-    past = drawn(lambda generator, rows: generator.integers(actions, size=(rows, records)), "past")
+    past = drawn("past", lambda generator, rows: generator.integers(actions, size=(rows, records)))
     heading = poses[:, 2].copy() if axes == 2 else _rotations(poses[:, axes:])
     starts = Starts(poses[:, :axes].copy(), heading, past)
     if world.spread is None:
         return starts
-    normal = drawn(lambda generator, rows: generator.standard_normal((rows, 2)), "spread")
+    normal = drawn("spread", lambda generator, rows: generator.standard_normal((rows, 2)))
     return cast(Starts, SpreadStarts(*starts, world.spread.factors(normal)))  # a tuple cannot grow
 
 
@@ -138,68 +136,58 @@ def noise_of(world: World) -> Callable[..., np.ndarray]:
     return draw_noise if world.binding_rate is None else draw_noise_and_bindings
 
 
-def draw_record_noise(
-    world: World,
-    cells: int,
-    seed: int,
-    *,
-    population: streams.Population = "test",
-    episode: int = 0,
-    first: int = 0,
-) -> np.ndarray | None:
+def draw_record_noise(world: World, cells: int, seed: int, **where: Any) -> np.ndarray | None:
     """Standard normal numbers (cells, N_T) for the records that a life begins with; None where they are
-    exact.
+    exact. `where` is the population, the episode and the `first` cell, as for `draw_starts`.
     """
     if world.concentration_noise == 0:
         return None
+    records = world.n_records
+    return _drawn(
+        seed, cells, "records", lambda chance, rows: chance.standard_normal((rows, records)), **where
+    )
 
-    def draw(generator: np.random.Generator, rows: int) -> np.ndarray:
-        return generator.standard_normal((rows, world.n_records))
 
-    return streams.by_cell(draw, cells, population, "records", seed, episode, first=first)
-
-
-def draw_noise(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:
-    """Standard normal numbers (cells, decisions, 3) for the world's perturbations in a `_block`."""
-
-    def draw(generator: np.random.Generator, rows: int) -> np.ndarray:
-        return generator.standard_normal((rows, decisions, 3))
-
-    return _block(draw, "noise", seed, cells, **block)
+def draw_noise(seed: int, cells: int, decisions: int, *, block: int = 0, **where: Any) -> np.ndarray:
+    """Standard normal numbers (cells, decisions, 3) for the world's perturbations, of one block of an
+    episode's decisions; `where` as for `draw_record_noise`.
+    """
+    size = decisions, 3
+    return _drawn(
+        seed, cells, "noise", lambda chance, rows: chance.standard_normal((rows, *size)), block, **where
+    )
 
 
 def draw_noise_and_bindings(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:
     """`draw_noise`, and numbers in [0, 1) of a stream of their own that decide how many molecules bind."""
-
-    def draw(generator: np.random.Generator, rows: int) -> np.ndarray:
-        return generator.random((rows, decisions, 1))
-
-    uniform = _block(draw, "bindings", seed, cells, **block)
-    return np.concatenate([draw_noise(seed, cells, decisions, **block), uniform], axis=-1)
+    uniform = draw_chance(seed, cells, decisions, purpose="bindings", **block)
+    return np.concatenate([draw_noise(seed, cells, decisions, **block), uniform[..., None]], axis=-1)
 
 
-def draw_chance(seed: int, cells: int, decisions: int, **block: Any) -> np.ndarray:
-    """Numbers (cells, decisions) in [0, 1) for policies that leave something to chance, in a `_block`."""
-
-    def draw(generator: np.random.Generator, rows: int) -> np.ndarray:
-        return generator.random((rows, decisions))
-
-    return _block(draw, "policy", seed, cells, **block)
-
-
-def _block(
-    draw: _Draw,
-    purpose: streams.Purpose,
+def draw_chance(
     seed: int,
     cells: int,
+    decisions: int,
     *,
+    purpose: streams.Purpose = "policy",
+    block: int = 0,
+    **where: Any,
+) -> np.ndarray:
+    """Numbers (cells, decisions) in [0, 1) for policies that leave something to chance, as `draw_noise`."""
+    return _drawn(seed, cells, purpose, lambda chance, rows: chance.random((rows, decisions)), block, **where)
+
+
+def _drawn(
+    seed: int,
+    cells: int,
+    purpose: streams.Purpose,
+    draw: Callable[[np.random.Generator, int], np.ndarray],
+    *index: int,
     population: streams.Population = "test",
     episode: int = 0,
-    block: int = 0,
     first: int = 0,
 ) -> np.ndarray:
-    """The numbers (cells, ...) of one block of an episode's decisions, from the `first` cell on."""
-    return streams.by_cell(draw, cells, population, purpose, seed, episode, block, first=first)
+    return streams.by_cell(draw, cells, population, purpose, seed, episode, *index, first=first)
 
 
 class Draws:

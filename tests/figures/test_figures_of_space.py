@@ -38,7 +38,7 @@ def halfway(results, world):
     pose = Pose(*(first[name].values[:, 1] for name in ("position", "heading")))
     numbers = (first[name].values[:, 2] for name in ("curvature", "torsion"))
     wait = np.diff(first["time"].values[:, 1:3])[:, 0]
-    return along_helix(pose, helix(*numbers, world.speed, 0.5 * wait)).position
+    return along_helix(pose, helix(*numbers, world.speed * 0.5 * wait)).position
 
 
 def test_heads_lie_where_the_view_sees_them_and_the_view_turns():
@@ -77,8 +77,8 @@ def test_trails_are_the_helices_that_were_swum_and_meet_where_noise_led():
         np.testing.assert_allclose(ends[:, 0], segment.start.position, atol=1e-12)
         np.testing.assert_allclose(ends[:, 1], after.start.position, atol=1e-12)
     np.testing.assert_allclose(viewer.trail[-1].places(np.ones(1))[:, 0], state.position, atol=1e-12)
-    start, _, *numbers, _ = (quiet := seen()[0]).trail[3]
-    way = along_helix(start, helix(*numbers)).position
+    start, _, curvature, torsion, speed, wait, _ = (quiet := seen()[0]).trail[3]
+    way = along_helix(start, helix(curvature, torsion, speed * wait)).position
     np.testing.assert_allclose(way, quiet.trail[4].start.position, atol=1e-9)
 
 

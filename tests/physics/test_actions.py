@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swarm.physics.flows import TaylorGreen
-from swarm.physics.motion.arc import Pose, along_arc, arc, arrival, centre_of_curvature
+from swarm.physics.motion.arc import arc, centre_of_curvature
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 from tests.reference import array, pose, reference, to_numpy
@@ -65,41 +65,8 @@ def test_the_clock_and_the_scales_stay_and_actions_beyond_the_range_count_as_its
     np.testing.assert_allclose(ours.curvature(after), [-2, 9])
 
 
-@pytest.mark.parametrize("kappa", [-5.0, -1e-4, -1e-9, 0.0, 1e-8, 1e-6, 1e-5, 1e-3, 0.05])
-def test_when_an_egg_is_reached_is_exact_however_little_the_path_turns(kappa):
-    start = Pose(np.array([[-3.0, 0.4]]), np.array([[np.cos(0.1), np.sin(0.1)]]))
-    curvature, length = np.array([kappa]), np.array([3.0])
-    part = arrival(start, curvature, length, (0.0, 0.0), 1.0)
-    if kappa == -5.0:
-        assert np.isinf(part).all()
-        return
-    end = along_arc(start, arc(curvature, np.ones(1), part * length))
-    assert np.hypot(*end.position[0]) == pytest.approx(1, abs=1e-9)
-    before = along_arc(start, arc(curvature, np.ones(1), (part - 1e-3) * length))
-    assert np.hypot(*before.position[0]) > 1
-
-
 def test_who_swims_straight_on_has_no_centre():
     poses = pose(np, np.zeros((2, 2)), np.zeros(2))
     np.testing.assert_array_equal(
         centre_of_curvature(poses, np.array([0.0, -2.0])), [[np.nan] * 2, [0, -0.5]]
     )
-
-
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"action": "smooth"}, "action must be one of continuous, discrete, got 'smooth'"),
-        ({"curvature_range": (0, 5)}, r"curvature_range must go with action='continuous', got \(0.0, 5.0\)"),
-        ({"action": "continuous", "curvature_range": (5, 0)}, r"curvature_range must rise, got \(5, 0\)"),
-        (
-            {"action": "continuous", "curvature_range": (0, float("inf"))},
-            "curvature_range must be two finite",
-        ),
-        ({"action": "continuous", "curvature_range": (0, 1e10)}, "must lie below 1e9 rad per time, got"),
-        ({"action": "continuous", "varying_speed": True}, "must go with one speed, got varying_speed=True"),
-    ],
-)
-def test_what_makes_no_world_is_an_error_in_a_line(parameters, message):
-    with pytest.raises(ValueError, match=message):
-        World(**parameters)

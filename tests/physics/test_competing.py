@@ -11,15 +11,10 @@ from swarm.physics.perception import MemoryWithNeighbours
 from swarm.physics.starts import draw_noise_and_bindings, draw_starts
 from swarm.physics.world import World
 from swarm.policies.strategies import Greedy
+from tests.physics.test_world import begin
 from tests.reference import array, to_numpy
 
 EATING = Medium(box=((0, 10), (0, 10)), shape=(64, 64), uptake=0.0116)
-
-
-def start(world, cells, seed=0, xp=np):
-    parts = draw_starts(world, cells, seed)
-    kinds = (xp.float64, xp.float64, xp.int64, xp.float64)
-    return world.start(*(array(xp, part, kind) for part, kind in zip(parts, kinds, strict=False)))
 
 
 def live(world, state):
@@ -38,7 +33,7 @@ def live(world, state):
 @pytest.mark.parametrize("delay", [0.0, 6.0])
 def test_arrival_pays_every_winner_once_when_it_arrives(delay):
     world = World(field=RadialField(), life=300, first_arrivals=2, block_delay=delay, reward="arrival")
-    states, outcomes = live(world, start(world, 30))
+    states, outcomes = live(world, begin(np, world, 30))
     paid = np.array([outcome.reward for outcome in outcomes])
     won = world.won(states[-1])
     assert won.sum() >= 2
@@ -51,30 +46,12 @@ def test_arrival_pays_every_winner_once_when_it_arrives(delay):
 
 def test_eaten_pays_what_was_eaten_as_the_mean_concentration_of_records():
     world = World(medium=EATING, life=8, reward="eaten", start_box=((3, 7), (3, 7)))
-    states, outcomes = live(world, start(world, 4))
+    states, outcomes = live(world, begin(np, world, 4))
     paid = np.sum([outcome.reward for outcome in outcomes], axis=0)
     scale = world.mean_curvature / world.field.gradient_scale / (EATING.uptake * world.intervals[0])
     np.testing.assert_allclose(paid, states[-1].medium.eaten * scale, rtol=1e-12)
     first = outcomes[0].reward / (0.5 * (states[0].memory + states[1].memory)[:, 0, 0])
     np.testing.assert_allclose(first, 1, atol=0.15)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"reward": "arrival"}, "'arrival' must go with first_arrivals"),
-        ({"reward": "eaten"}, "'eaten' must go with a medium with uptake, got medium=None"),
-        ({"reward": "eaten", "medium": Medium()}, "'eaten' must go with a medium with uptake"),
-        ({"sensor": "memory_with_traits"}, "memory_with_traits must go with a world that has a spread"),
-        ({"sensor": {"type": "memory_with_neighbours", "k": 0}}, "k must be a whole number of at least 1"),
-        ({"sensor": {"type": "memory_with_neighbours", "range": 0}}, "range must be a finite number above 0"),
-        ({"sensor": "memory_with_neighbours", "varying_speed": True}, "interval_rule must be 'common'"),
-    ],
-    ids=str,
-)
-def test_what_a_world_cannot_serve_is_named(options, words):
-    with pytest.raises(ValueError, match=words):
-        World(**options)
 
 
 # --- sensors ------------------------------------------------------------------------------------------------
@@ -131,19 +108,20 @@ def test_in_a_medium_that_wraps_the_nearest_image_is_seen():
 def test_traits_are_the_cells_own_factors_less_one(xp):
     world = World(spread={"speed": 0.1, "curvature": 0.05}, sensor="memory_with_traits")
     starts = draw_starts(world, 200, 3)
-    state = start(world, 200, 3, xp)
+    state = begin(xp, world, 200, seed=3)
     for row in range(4):
         np.testing.assert_allclose(to_numpy(state.memory)[:, row, 2:], starts.factors - 1, atol=1e-15)
     assert (np.abs(to_numpy(world.observation(state))) <= world.observation_bounds).all()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:`torch.jit:DeprecationWarning")  # torch's compiler uses it itself
 def test_torch_compiles_what_neighbours_are_seen_in_one_piece():
     torch = pytest.importorskip("torch")
     from array_api_compat import torch as xp
 
     world = World(sensor=MemoryWithNeighbours(k=2, range=3.0))
-    state = start(world, 8, xp=xp)
+    state = begin(xp, world, 8)
     action = torch.arange(8) % 2
     compiled = torch.compile(world.step, fullgraph=True, dynamic=False, backend="aot_eager")
     (expected, _), (after, _) = world.step(state, action), compiled(state, action)
@@ -193,11 +171,6 @@ def test_a_race_ends_for_all_when_enough_have_arrived_and_who_comes_within_the_d
     assert ends - world.intervals[0] < closes <= ends
     arrived = np.isfinite(last.arrival_time)
     np.testing.assert_array_equal(last.arrival_time[arrived], times[arrived])
-
-
-def test_more_arrivals_than_cells_are_refused():
-    with pytest.raises(ValueError, match="first_arrivals must be at most the number of cells, 2, got 3"):
-        start(World(field=RadialField(), first_arrivals=3), 2)
 
 
 # --- cells by chance ----------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from swarm.physics.fields import (
     LinearField,
     RadialField,
 )
-from swarm.physics.world import World, scale
+from swarm.physics.world import World, rules
 from tests.reference import array, slopes_of, to_numpy
 
 FIELDS = [
@@ -141,5 +141,5 @@ def test_a_scale_is_compared_in_the_start_box_over_a_life():
 
 
 def test_a_world_s_own_fields_are_not_looked_at(monkeypatch):
-    monkeypatch.setattr(scale, "typical_gradient", lambda world: pytest.fail("it was"))
+    monkeypatch.setattr(rules, "typical_gradient", lambda world: pytest.fail("it was"))
     World(field=GaussianPlume(gradient_scale=2.0, width=1.0, egg_position=(90.0, 0.0)))

@@ -18,37 +18,16 @@ from benchmarks.exact_space import (
     rotations,
 )
 from swarm.physics.flows import ABCFlow, FunctionFlow, ShearAroundSphere
-from swarm.physics.motion import arc, helix
+from swarm.physics.motion import helix
 from swarm.physics.motion.arc import Pose
 from swarm.physics.motion.collocation import TOLERANCE
 from swarm.physics.motion.helical import HelicalCollocation
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
-from tests.physics.test_world import functions
+from tests.physics.test_world import actions, functions, live
 from tests.reference import array, to_numpy
 
 CELLS = len(PAIRS)
-
-
-@pytest.fixture
-def poses(xp):
-    """Poses of some cells."""
-    places = np.random.default_rng(1).uniform(0, 10, (CELLS, 3))
-    return Pose(array(xp, places), array(xp, rotations(CELLS)))
-
-
-def along(xp, poses, curvature, torsion, speed, duration):
-    numbers = (
-        array(xp, np.broadcast_to(each, CELLS) + 0.0) for each in (curvature, torsion, speed, duration)
-    )
-    return helix.along_helix(poses, helix.helix(*numbers))
-
-
-@pytest.mark.parametrize("duration", [0.08, -0.3])
-def test_in_still_water_the_pose_is_exact(xp, poses, duration):
-    after = place_and_frame(along(xp, poses, *PAIRS.T, 2.0, duration))
-    expected = reference(Pose(*map(to_numpy, poses)), *PAIRS.T, 2.0, duration)
-    np.testing.assert_allclose(after, expected, rtol=0, atol=2e-11)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
@@ -56,37 +35,24 @@ def test_a_law_of_space_is_kept(law):
     assert 0 <= law.error() <= law.bound
 
 
-def test_without_torsion_it_is_the_arc_of_the_plane(xp):
-    curvature, length = np.meshgrid([5.0, -3.0, 1e-6, 0.0], [0.08, 3.0, -0.5])
-    kappa, distance, one = (array(xp, each) for each in (curvature, length, np.ones_like(length)))
-    screw = helix.helix(kappa, 0 * one, one, distance)
-    (x, ahead), (y, aside) = map(to_numpy, arc.arc(kappa, one, distance))
-    for found, expected in ((screw.displacement, (x, y)), (helix.tangent(screw.rotation), (ahead, aside))):
-        flat = np.stack([*expected, 0 * x], axis=-1)
-        np.testing.assert_allclose(to_numpy(found), flat, rtol=0, atol=1e-15)
-
-
-def test_frames_turn_as_matrices_do(xp, poses):
-    first, second = poses.heading, array(xp, rotations(CELLS, 2))
+def test_frames_turn_as_matrices_do(xp):
+    places = array(xp, np.random.default_rng(1).uniform(0, 10, (CELLS, 3)))
+    first, second = array(xp, rotations(CELLS)), array(xp, rotations(CELLS, 2))
     for found, expected in zip(helix.frame(first), np.moveaxis(matrix(first), -2, 0), strict=True):
         np.testing.assert_allclose(to_numpy(found), expected, rtol=0, atol=1e-15)
     both = matrix(helix.product(first, second))
     np.testing.assert_allclose(both, matrix(second) @ matrix(first), rtol=0, atol=1e-14)
-    there = helix.rotated(first, poses.position)
-    expected = np.einsum("cij,ci->cj", matrix(first), to_numpy(poses.position))
+    there = helix.rotated(first, places)
+    expected = np.einsum("cij,ci->cj", matrix(first), to_numpy(places))
     np.testing.assert_allclose(to_numpy(there), expected, rtol=0, atol=1e-13)
     back = helix.rotated(helix.conjugate(first), there)
-    np.testing.assert_allclose(to_numpy(back), to_numpy(poses.position), rtol=0, atol=1e-13)
-    turn = helix.turned_about(helix.tangent(first), array(xp, np.full(CELLS, 0.3)))
-    turned = helix.rotated(turn, helix.frame(first)[1])
-    cosine = np.sum(to_numpy(turned) * to_numpy(helix.frame(first)[1]), axis=-1)
-    np.testing.assert_allclose(cosine, np.cos(0.3), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(to_numpy(back), to_numpy(places), rtol=0, atol=1e-13)
 
 
 def test_frames_stay_of_unit_length_in_float32(xp):
     pose = Pose(array(xp, np.zeros((CELLS, 3)), xp.float32), array(xp, rotations(CELLS), xp.float32))
     ones = array(xp, np.ones(CELLS), xp.float32)
-    step = helix.helix(5 * ones, 7 * ones, ones, 0.2 * ones)
+    step = helix.helix(5 * ones, 7 * ones, 0.2 * ones)
     for _ in range(50):
         pose = helix.along_helix(pose, step)
     assert pose.position.dtype == pose.heading.dtype == xp.float32
@@ -106,7 +72,7 @@ def test_the_closest_approach_is_that_of_a_densely_sampled_helix(xp, pair, turn)
     )
     closest = to_numpy(helix.closest_approach(*given, point, cells))
     parts = np.linspace(0, 1, 401)[:, None] * length
-    path = helix.along(pose, helix.screw(curvature, torsion, parts)).position
+    path = helix.along_helix(pose, helix.helix(curvature, torsion, parts)).position
     sampled = np.linalg.norm(path - np.array(point), axis=-1).min(axis=0)
     step = length[0] / 400
     assert np.all(closest <= sampled * (1 + 1e-9))
@@ -188,18 +154,6 @@ def test_water_sticks_to_a_sphere_and_shears_far_from_it(rotates):
 SPACE = World.in_space(life=3.0)
 
 
-def lived(xp, world, decisions, dtype=None):
-    """States of a few cells under random actions, and the actions."""
-    position, heading, past = draw_starts(world, 6, 0)
-    start, step = functions(xp, world)
-    dtype = dtype or xp.float64
-    state = start(array(xp, position, dtype), array(xp, heading, dtype), array(xp, past, xp.int64))
-    chosen, states = np.random.default_rng(0).integers(world.n_actions, size=(decisions, 6)), [state]
-    for action in chosen:
-        states.append(step(states[-1], array(xp, action, xp.int64))[0])
-    return states, chosen
-
-
 WORLDS = {
     "default": SPACE,
     "three_actions": World.in_space(curvatures=(4, 5, 6), torsions=(1.0, -2.0, 0.0), n_records=2),
@@ -217,7 +171,7 @@ def references(name):
         world.flow if world.in_flow else None,
         (world.curvatures, world.torsions, world.action_speeds),
     )
-    states, chosen = lived(np, world, 3)
+    (states, _), chosen = live(np, world, 6, 3), actions(world, 3, 6)
     found = []
     for before, after, action in zip(states, states[1:], chosen, strict=False):
         given = (np.asarray(values)[action] for values in (*options, world.intervals))
@@ -230,7 +184,7 @@ def references(name):
 @pytest.mark.parametrize("name", WORLDS)
 def test_lives_are_those_of_the_reference(xp, name):
     world = WORLDS[name]
-    states, chosen = lived(xp, world, 3)
+    (states, _), chosen = live(xp, world, 6, 3), actions(world, 3, 6)
     tolerance = TOLERANCE if world.in_flow else 2e-11
     for after, expected, action in zip(states[1:], references(name), chosen, strict=False):
         np.testing.assert_allclose(place_and_frame(after), expected, rtol=0, atol=tolerance)
@@ -252,7 +206,7 @@ def test_swimming_the_past_forward_leads_back_to_the_start(xp, name):
         if world.in_flow:
             here = world.swimmer.swim_back(here, (curvature, torsion), speed, interval)
         else:
-            here = helix.along_helix(here, helix.helix(curvature, torsion, speed, -interval))
+            here = helix.along_helix(here, helix.helix(curvature, torsion, -speed * interval))
     back = start(*(array(xp, each) for each in here), array(xp, past, xp.int64))
     for i in reversed(range(world.n_records)):
         back, _ = step(back, array(xp, past[:, i], xp.int64))
@@ -315,7 +269,7 @@ def test_an_egg_is_reached_on_the_way():
     after, outcome = world.step(state, np.zeros(400, int))
     parts = np.linspace(0, world.intervals[0], 500)[:, None] * np.ones(400)
     arcs = np.full(400, world.curvatures[0]), np.full(400, world.torsions[0])
-    path = helix.along(state.pose, helix.screw(*arcs, 2.0 * parts)).position
+    path = helix.along_helix(state.pose, helix.helix(*arcs, 2.0 * parts)).position
     reached = (np.linalg.norm(path, axis=-1) <= 1).any(axis=0)
     assert reached.sum() > 5
     np.testing.assert_array_equal(outcome.terminated, reached)
@@ -339,15 +293,13 @@ def test_what_an_egg_releases_diffuses_in_space(name):
 def test_flow_is_sensed_in_space(xp):
     world = World.in_space(flow=ABCFlow((0.3, 0.2, 0.1), 1.0), sense_flow=True)
     assert world.sensor.names[2:] == ("flow_x", "flow_y", "flow_z", "spin_x", "spin_y", "spin_z")
-    (state, *_), _ = lived(xp, world, 1)
+    (state, *_), _ = live(xp, world, 6, 1)
     scales = np.repeat([world.flow.speed_scale, 2 * world.flow.spin_scale], 3)
     place = to_numpy(state.position)
     found = np.concatenate([world.flow.velocity(place), world.flow.vorticity(place)], axis=-1) / scales
     np.testing.assert_allclose(to_numpy(state.memory)[:, 0, 2:], found, rtol=0, atol=1e-14)
     observed = to_numpy(world.observation(state))
     assert (np.abs(observed) <= world.observation_bounds).all()
-    with pytest.raises(ValueError, match="sensor must be one in the plane"):
-        World(flow="taylor_green", sensor="memory_with_flow_in_space")
 
 
 def test_the_axis_turns_as_the_formula_says_for_torsions_of_any_sign():
@@ -417,50 +369,84 @@ def test_a_population_is_tested_and_kept_in_space(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("parameters", "message"),
+    ("make", "parameters", "message"),
     [
-        ({"torsions": (1.0,)}, r"torsions must be a number for each of the 2 curvatures, got \(1\.0,\)"),
-        ({"torsions": 3}, "torsions must be a number for each of curvatures, got 3"),
-        ({"torsions": (1.0, float("nan"))}, "torsions must be a finite number, got nan"),
-        ({"medium": {}}, "medium must be None in space"),
-        ({"interactions": ["contact"]}, r"interactions must be \(\) in space"),
-        ({"action": "continuous"}, "action must be 'discrete' in space .*got 'continuous'"),
-        ({"first_arrivals": 1, "field": "radial"}, "first_arrivals must be None in space .*got 1"),
-        ({"spread": {"speed": 0.1}}, "spread must be None in space"),
-        ({"rotational_diffusion": 0.1}, r"rotational_diffusion must be 0\.0 in space .*got 0\.1"),
-        ({"sensor": "memory_with_neighbours"}, "sensor must be one in space .*got MemoryWithNeighbours"),
-        ({"flow": "taylor_green"}, r"flow must have vorticity\(position\) in space .*got TaylorGreen"),
-        ({"field": "released_source"}, r"field must be one in space .*got ReleasedSource"),
-        ({"start_box": ((0, 1), (0, 1))}, "start_box must have 3 sides in space"),
-        ({"sense_flow": True}, "sense_flow must go with a flow with speed_scale and spin_scale above 0"),
+        (World, {"start_box": ((0, 1),) * 3}, "start_box must have 2 sides in the plane"),
         (
+            World,
+            {"field": {"type": "gaussian_plume", "egg_position": (1, 2, 3)}},
+            "egg_position must be 2 numbers",
+        ),
+        (World, {"flow": "abc"}, r"flow must have spin\(position\) in the plane .*got ABCFlow"),
+        (
+            World,
+            {"flow": {"type": "uniform", "current": (1, 2, 3)}},
+            "flow must be one in the plane .*UniformFlow",
+        ),
+        (
+            World,
+            {"flow": "taylor_green", "sensor": "memory_with_flow_in_space"},
+            "sensor must be one in the plane",
+        ),
+        (
+            World.in_space,
+            {"torsions": (1.0,)},
+            r"torsions must be a number for each of the 2 curvatures, got \(1\.0,\)",
+        ),
+        (
+            World.in_space,
+            {"torsions": None},
+            "torsions must be a number for each of curvatures in space, got None",
+        ),
+        (World.in_space, {"torsions": 3}, "torsions must be a number for each of curvatures, got 3"),
+        (World.in_space, {"torsions": (1.0, float("nan"))}, "torsions must be a finite number, got nan"),
+        (World.in_space, {"medium": {}}, "medium must be None in space"),
+        (World.in_space, {"interactions": ["contact"]}, r"interactions must be \(\) in space"),
+        (World.in_space, {"action": "continuous"}, "action must be 'discrete' in space .*got 'continuous'"),
+        (
+            World.in_space,
+            {"first_arrivals": 1, "field": "radial"},
+            "first_arrivals must be None in space .*got 1",
+        ),
+        (World.in_space, {"spread": {"speed": 0.1}}, "spread must be None in space"),
+        (
+            World.in_space,
+            {"rotational_diffusion": 0.1},
+            r"rotational_diffusion must be 0\.0 in space .*got 0\.1",
+        ),
+        (
+            World.in_space,
+            {"sensor": "memory_with_neighbours"},
+            "sensor must be one in space .*got MemoryWithNeighbours",
+        ),
+        (
+            World.in_space,
+            {"flow": "taylor_green"},
+            r"flow must have vorticity\(position\) in space .*got TaylorGreen",
+        ),
+        (World.in_space, {"field": "released_source"}, r"field must be one in space .*got ReleasedSource"),
+        (World.in_space, {"start_box": ((0, 1), (0, 1))}, "start_box must have 3 sides in space"),
+        (
+            World.in_space,
+            {"sense_flow": True},
+            "sense_flow must go with a flow with speed_scale and spin_scale above 0",
+        ),
+        (
+            World.in_space,
             {"sensor": "memory_with_flow", "flow": "abc"},
             r"sensor must be one in space .*got MemoryWithFlow\(",
         ),
-        ({"flow": FunctionFlow(lambda r: r[..., :2], 1, 1)}, r"flow.velocity must be .*got \(1, 2\)"),
-        ({"flow": ABCFlow((2e3, 0, 0), 1e3)}, "flow must vary slowly enough to be followed"),
-    ],
-)
-def test_what_is_not_in_space_is_an_error(parameters, message):
-    with pytest.raises((TypeError, ValueError), match=message):
-        World.in_space(**parameters)
-
-
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"start_box": ((0, 1),) * 3}, "start_box must have 2 sides in the plane"),
-        ({"field": {"type": "gaussian_plume", "egg_position": (1, 2, 3)}}, "egg_position must be 2 numbers"),
-        ({"flow": "abc"}, r"flow must have spin\(position\) in the plane .*got ABCFlow"),
         (
-            {"flow": {"type": "uniform", "current": (1, 2, 3)}},
-            "flow must be one in the plane .*got UniformFlow",
+            World.in_space,
+            {"flow": FunctionFlow(lambda r: r[..., :2], 1, 1)},
+            r"flow.velocity must be .*got \(1, 2\)",
         ),
+        (World.in_space, {"flow": ABCFlow((2e3, 0, 0), 1e3)}, "flow must vary slowly enough to be followed"),
     ],
 )
-def test_what_is_not_in_the_plane_is_an_error(parameters, message):
-    with pytest.raises(ValueError, match=message):
-        World(**parameters)
+def test_what_is_not_in_the_plane_or_in_space_is_an_error(make, parameters, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        make(**parameters)
 
 
 @pytest.mark.parametrize(

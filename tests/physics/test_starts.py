@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from swarm.physics.fields import GaussianPlume, RadialField
+from swarm.physics.flows import PoiseuilleFlow
 from swarm.physics.starts import draw_noise, draw_starts
 from swarm.physics.world import World
 
@@ -86,17 +87,28 @@ def test_starts_within_reach_of_the_egg_are_drawn_again(field):
     np.testing.assert_array_equal(position[clear], first[clear])
 
 
-def test_a_box_without_room_outside_the_egg_is_an_error():
-    world = World(field="radial", start_box=((-0.1, 0.1), (-0.1, 0.1)))
-    with pytest.raises(ValueError, match="start_box must leave room outside the egg"):
-        draw_starts(world, 3, 0)
-
-
-def test_counts_and_seeds_are_checked():
-    with pytest.raises(ValueError, match="cells must be a whole number of at least 1, got 0"):
-        draw_starts(World(), 0, 0)
-    with pytest.raises(ValueError, match="seed must not be negative, got -1"):
-        draw_starts(World(), 1, -1)
+@pytest.mark.parametrize(
+    ("options", "cells", "seed", "message"),
+    [
+        (
+            {"field": "radial", "start_box": ((-0.1, 0.1),) * 2},
+            3,
+            0,
+            "start_box must leave room outside the egg",
+        ),
+        (
+            {"flow": PoiseuilleFlow(walls=(0, 1)), "start_box": ((2, 3),) * 2},
+            3,
+            0,
+            "leave room in the domain",
+        ),
+        ({}, 0, 0, "cells must be a whole number of at least 1, got 0"),
+        ({}, 1, -1, "seed must not be negative, got -1"),
+    ],
+)
+def test_what_cannot_be_drawn_is_an_error(options, cells, seed, message):
+    with pytest.raises(ValueError, match=message):
+        draw_starts(World(**options), cells, seed)
 
 
 def test_a_cells_noise_does_not_depend_on_how_many_there_are():

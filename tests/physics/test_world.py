@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from swarm.physics.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField, RadialField
-from swarm.physics.flows import FunctionFlow, PoiseuilleFlow, StillWater, TaylorGreen, UniformFlow
-from swarm.physics.starts import Starts, draw_noise, draw_starts
+from swarm.physics.fields import DiffusingSource, FunctionField, GaussianPlume, LinearField
+from swarm.physics.flows import FunctionFlow, PoiseuilleFlow, StillWater, TaylorGreen
+from swarm.physics.starts import draw_noise, draw_starts
 from swarm.physics.world import World
 from tests.reference import array, describe, place_and_heading, reference, to_numpy
 
@@ -25,10 +25,10 @@ def functions(xp, world):
 
 def begin(xp, world, cells, *, seed=0, dtype=None):
     """The state of `cells` cells at their drawn starts."""
-    position, heading, past = draw_starts(world, cells, seed)
-    dtype = dtype or xp.float64
-    start, _ = functions(xp, world)
-    return start(array(xp, position, dtype), array(xp, heading, dtype), array(xp, past, xp.int64))
+    floats = dtype or xp.float64
+    kinds = floats, floats, xp.int64, floats
+    parts = zip(draw_starts(world, cells, seed), kinds, strict=False)
+    return functions(xp, world)[0](*(array(xp, part, kind) for part, kind in parts))
 
 
 def present(parts):
@@ -131,11 +131,17 @@ def test_swimming_the_past_forward_leads_back_to_the_start(xp, world):
     np.testing.assert_allclose(to_numpy(back.memory), seen, rtol=0, atol=tolerance * 10)
 
 
-NOISES = {"concentration_noise": 0.3, "curvature_noise": 0.3, "rotational_diffusion": 0.3}
-NOISY = [World(varying_speed=True, **NOISES), World(field="radial", flow="taylor_green", **NOISES)]
+KINDS = [
+    World(),
+    World(n_records=8, varying_speed=True),
+    World(n_records=2, flow="taylor_green", sense_flow=True, rotational_diffusion=0.01),
+    World(n_records=9, flow="taylor_green", varying_speed=True, interval_rule="exact"),
+    World(field="radial", curvatures=(2.0, 3.0, 4.0), start_box=((-4, 4), (-4, 4)), curvature_noise=0.5),
+    World(field="diffusing_source", flow="vortex", concentration_noise=0.1, rotational_diffusion=0.1),
+]
 
 
-@pytest.mark.parametrize("world", WORLDS[::7] + NOISY, ids=describe)
+@pytest.mark.parametrize("world", WORLDS[::7] + KINDS[3:], ids=describe)
 def test_every_array_library_computes_the_same_world(xp, world):
     expected, expected_outcomes = live(np, world, 7, 30, noise=world.has_noise)
     states, outcomes = live(xp, world, 7, 30, noise=world.has_noise)
@@ -170,21 +176,21 @@ def test_a_step_leaves_its_input_as_it_was(xp, world):
     np.testing.assert_array_equal(to_numpy(action), 1)
 
 
-@pytest.mark.parametrize(("n_records", "interval"), [(2, 0.78), (4, 0.38), (8, 0.18)])
-def test_intervals_are_rounded_down_to_whole_time_steps(n_records, interval):
-    assert World(n_records=n_records).intervals == pytest.approx((interval, interval), abs=1e-15)
+EXACT = {"varying_speed": True, "interval_rule": "exact"}
 
 
-def test_with_varying_speed_the_interval_follows_the_speed_in_use():
-    assert World(varying_speed=True).intervals == pytest.approx((0.34, 0.42), abs=1e-15)
-    assert World(varying_speed=True, interval_rule="exact").intervals == pytest.approx(
-        (np.pi / 2 / 4 / 1.1, np.pi / 2 / 4 / 0.9), rel=1e-15
-    )
-
-
-def test_an_interval_that_is_whole_but_for_rounding_is_not_cut_down():
-    # T = 2π/(4v) = 0.8 exactly but for rounding, so T/(4 Δt) is 10 and not 9
-    assert World(speed=2 * np.pi / 3.2, n_records=4).interval_ticks == (10, 10)
+@pytest.mark.parametrize(
+    ("options", "intervals"),
+    [
+        *(({"n_records": n}, (interval,) * 2) for n, interval in ((2, 0.78), (4, 0.38), (8, 0.18))),
+        ({"varying_speed": True}, (0.34, 0.42)),  # of the speed in use
+        (EXACT, (np.pi / 8 / 1.1, np.pi / 8 / 0.9)),
+        ({"speed": 2 * np.pi / 3.2}, (0.2, 0.2)),  # T/(4 Δt) is 10 but for rounding, and not cut down to 9
+    ],
+    ids=str,
+)
+def test_intervals_are_whole_time_steps_below_the_period_or_exact(options, intervals):
+    assert World(**options).intervals == pytest.approx(intervals, abs=1e-15, rel=1e-15)
 
 
 LIVES = [
@@ -256,24 +262,23 @@ def test_a_life_turns_by_curvature_times_path_up_to_its_last_sliver(world):
     np.testing.assert_allclose(state.heading, np.stack([np.cos(angle), np.sin(angle)], -1), rtol=0, atol=1e-9)
 
 
-def test_a_life_of_whole_exact_intervals_ends_with_the_last_of_them(xp):
-    exact = {"varying_speed": True, "interval_rule": "exact"}
-    for action, interval in enumerate(World(**exact).intervals):
-        world = World(life=5 * interval, **exact)
-        state = begin(xp, world, 2)
-        for decision in range(5):
-            state, outcome = functions(xp, world)[1](state, array(xp, [action, action], xp.int64), None)
-            assert to_numpy(outcome.truncated).tolist() == [decision == 4] * 2
-
-
-def test_cells_with_different_clocks_end_at_different_steps(xp):
-    world = World(varying_speed=True, life=1.26)  # three intervals of 0.42, or four of 0.34
+@pytest.mark.parametrize(
+    ("world", "decisions"),
+    [
+        (
+            World(life=5 * World(**EXACT).intervals[0], **EXACT),
+            (5, 5),
+        ),  # whole intervals of one, or of the other
+        (World(life=5 * World(**EXACT).intervals[1], **EXACT), (7, 5)),
+        (World(varying_speed=True, life=1.26), (4, 3)),  # four intervals of 0.34, or three of 0.42
+    ],
+    ids=["exact_fast", "exact_slow", "truncated"],
+)
+def test_cells_with_different_clocks_end_at_different_steps(xp, world, decisions):
     state = begin(xp, world, 2)
-    ends = []
-    for _ in range(4):
-        state, outcome = world.step(state, array(xp, [0, 1], xp.int64))
-        ends.append(to_numpy(outcome.truncated).tolist())
-    assert ends == [[False, False], [False, False], [False, True], [True, True]]
+    for turn in range(1, max(decisions) + 1):
+        state, outcome = functions(xp, world)[1](state, array(xp, [0, 1], xp.int64), None)
+        assert to_numpy(outcome.truncated).tolist() == [turn >= each for each in decisions]
 
 
 @pytest.mark.parametrize(
@@ -297,18 +302,12 @@ def test_rewards_telescope_to_the_change_of_the_memories_mean(xp, world):
     alive = ~to_numpy(states[-2].finished)
     np.testing.assert_allclose(total[alive], ((means[1] - means[0]) / contrast)[alive], rtol=0, atol=1e-11)
     # and one reward is the newest minus the oldest record over N_T c_k |1/κ₁ − 1/κ₂|
-    newest = world.field.concentration(to_numpy(states[1].position))
+    first, newest, last = (world.field.concentration(to_numpy(states[i].position)) for i in (0, 1, -1))
+    np.testing.assert_allclose(to_numpy(outcomes[-1].gain), last - first, rtol=0, atol=1e-12)
     oldest = to_numpy(states[0].memory)[:, -1, 0] / world.record_scale
     np.testing.assert_allclose(
         to_numpy(outcomes[0].reward), (newest - oldest) / (n * contrast), rtol=0, atol=1e-12
     )
-
-
-def test_the_gain_is_the_concentration_at_the_end_minus_that_at_the_start(xp):
-    world = World(life=2.0)
-    states, outcomes = live(xp, world, 5, world.max_decisions)
-    first, last = (world.field.concentration(to_numpy(s.position)) for s in (states[0], states[-1]))
-    np.testing.assert_allclose(to_numpy(outcomes[-1].gain), last - first, rtol=0, atol=1e-13)
 
 
 BOUNDED = [
@@ -374,23 +373,27 @@ def test_without_a_known_bound_the_observation_may_be_any_float32():
             start_box=((-1, 3), (-3, 1)),
             n_records=2,
         ),
+        World(field="radial", curvature_noise=0.9, n_records=2, start_box=((-2, 2), (-2, 2))),
     ],
     ids=describe,
 )
 def test_a_cell_has_arrived_when_its_path_not_only_its_end_comes_within_reach(xp, world):
     cells = 80
-    states, outcomes = live(xp, world, cells, 3)
+    states, outcomes = live(xp, world, cells, 3, noise=world.has_noise)
+    kicks = world.curvature_noise * draw_noise(0, cells, 3)[..., 1]
     (x, y), radius = world.egg
     flow = world.flow if world.in_flow else None
     arrived = np.zeros(cells, bool)
     passed_by = 0
-    for before, outcome, action in zip(states[:-1], outcomes, actions(world, 3, cells), strict=True):
+    for before, outcome, action, kick in zip(
+        states[:-1], outcomes, actions(world, 3, cells), kicks.T, strict=True
+    ):
         position, heading = to_numpy(before.position), to_numpy(before.heading)
         curvature, speed, interval = (
             np.asarray(values)[action] for values in (world.curvatures, world.action_speeds, world.intervals)
         )
         parts = np.linspace(0, 1, 400)
-        along = reference(position, heading, curvature, speed, interval, flow, parts=parts)[..., :2]
+        along = reference(position, heading, curvature + kick, speed, interval, flow, parts=parts)[..., :2]
         distances = np.linalg.norm(along - np.array([x, y]), axis=-1)
         terminated = to_numpy(outcome.terminated)
         nearest = distances.min(axis=0)
@@ -405,72 +408,41 @@ def test_a_cell_has_arrived_when_its_path_not_only_its_end_comes_within_reach(xp
     assert passed_by > 0
 
 
-def test_a_cell_has_arrived_where_the_flow_takes_it_to_the_egg(xp):
-    swum, carried = (
-        World(field=RadialField(egg_radius=0.2), flow=flow, start_box=((-3, 3), (-3, 3)))
-        for flow in ("still", UniformFlow(current=(2.0, 0.0)))
-    )
-    arrived = []
-    for world in (swum, carried):
-        start, step = functions(xp, world)
-        position, heading = array(xp, [[-0.5, -0.15]], xp.float64), array(xp, [0.5 * np.pi], xp.float64)
-        state = start(position, heading, array(xp, np.zeros((1, 4)), xp.int64))
-        arrived.append(bool(step(state, array(xp, [1], xp.int64), None)[1].terminated[0]))
-    assert arrived == [False, True]
-
-
-@pytest.mark.parametrize("options", [{}, {"varying_speed": True, "interval_rule": "exact"}], ids=str)
-def test_cells_that_have_arrived_stay_where_they_are(xp, options):
-    world = World(field="radial", start_box=((-2, 2), (-2, 2)), **options)
-    states, outcomes = live(xp, world, 60, 12)
-    for before, after, outcome in zip(states[:-1], states[1:], outcomes, strict=True):
-        done = to_numpy(before.finished)
-        np.testing.assert_allclose(
-            place_and_heading(after)[done], place_and_heading(before)[done], rtol=0, atol=1e-15
-        )
-        np.testing.assert_array_equal(to_numpy(after.clock)[done], to_numpy(before.clock)[done])
-        assert np.all(to_numpy(after.finished)[done])
-        assert not np.any(to_numpy(outcome.terminated)[done])
-    assert 0 < np.sum(to_numpy(states[-1].finished)) < 60
-
-
-@pytest.mark.parametrize("flow", ["still", "taylor_green"])
-def test_cells_out_of_time_stay_where_they_are_and_stay_truncated(xp, flow):
-    world = World(life=1.0, flow=flow, varying_speed=True)
-    states, outcomes = live(xp, world, 6, 8)
-    ended = to_numpy(states[3].finished)
-    assert np.all(ended)
-    for state, outcome in zip(states[4:], outcomes[3:], strict=True):
-        np.testing.assert_allclose(place_and_heading(state), place_and_heading(states[3]), rtol=0, atol=1e-14)
-        np.testing.assert_array_equal(to_numpy(outcome.gain), to_numpy(outcomes[2].gain))
-        assert np.all(to_numpy(outcome.truncated))
-
-
-def test_a_cell_that_leaves_the_domain_is_truncated(xp):
-    world = World(flow=PoiseuilleFlow(walls=(0.0, 2.0)))
-    assert world.box == ((0.0, 2.0), (0.0, 2.0))
-    states, outcomes = live(xp, world, 40, 30)
-    for before, state, outcome in zip(states[:-1], states[1:], outcomes, strict=True):
-        assert np.all(np.abs(to_numpy(state.position)[:, 1] - 1) <= 1)
-        left, over = to_numpy(outcome.truncated), to_numpy(before.finished)
-        np.testing.assert_array_equal(to_numpy(state.finished), left | over)
-        stays = np.all(to_numpy(state.position) == to_numpy(before.position), axis=-1)
-        np.testing.assert_array_equal(stays, left | over)  # where it was last inside
-    assert 0 < np.sum(to_numpy(states[-1].finished)) < 40
+NEAR = {"field": "radial", "start_box": ((-2, 2), (-2, 2))}
 
 
 @pytest.mark.parametrize(
-    "world",
+    ("world", "decisions"),
     [
-        World(),
-        World(n_records=8, varying_speed=True),
-        World(n_records=2, flow="taylor_green", sense_flow=True),
-        World(n_records=9, flow="taylor_green", varying_speed=True, interval_rule="exact"),
-        World(field="radial", curvatures=(2.0, 3.0, 4.0), start_box=((-4, 4), (-4, 4)), curvature_noise=0.5),
-        World(field="diffusing_source", flow="vortex", concentration_noise=0.1, rotational_diffusion=0.1),
+        (World(**NEAR), 12),
+        (World(**NEAR, **EXACT), 12),
+        (World(life=1.0, varying_speed=True), 8),
+        (World(life=1.0, flow="taylor_green", varying_speed=True), 8),
+        (World(flow=PoiseuilleFlow(walls=(0.0, 2.0))), 30),
     ],
-    ids=describe,
+    ids=lambda v: f"{v}" if isinstance(v, int) else describe(v),
 )
+def test_who_has_arrived_or_left_or_is_out_of_time_stays_where_it_is(xp, world, decisions):
+    states, outcomes = live(xp, world, 40, decisions)
+    for before, after, outcome in zip(states[:-1], states[1:], outcomes, strict=True):
+        done, over = to_numpy(before.finished), to_numpy(after.finished)
+        np.testing.assert_allclose(
+            place_and_heading(after)[done], place_and_heading(before)[done], rtol=0, atol=1e-14
+        )
+        np.testing.assert_array_equal(to_numpy(after.clock)[done], to_numpy(before.clock)[done])
+        np.testing.assert_array_equal(over, done | to_numpy(outcome.truncated | outcome.terminated))
+        assert not np.any(to_numpy(outcome.terminated)[done])
+        if world.domains:  # who leaves ends where it was last inside
+            stays = np.all(to_numpy(after.position) == to_numpy(before.position), axis=-1)
+            np.testing.assert_array_equal(stays, over)
+    ended = to_numpy(states[-1].finished)
+    assert ended.all() if world.life == 1.0 else 0 < ended.sum() < 40
+    if world.life == 1.0:
+        np.testing.assert_array_equal(to_numpy(outcomes[-1].gain), to_numpy(outcomes[2].gain))
+        assert np.all(to_numpy(outcomes[-1].truncated))
+
+
+@pytest.mark.parametrize("world", KINDS, ids=describe)
 @pytest.mark.parametrize("library", ["numpy", "array_api_compat.torch"])
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_a_cells_life_is_the_same_in_a_population_of_1_40_and_10_000(world, dtype, library):
@@ -564,7 +536,7 @@ def test_concentration_noise_is_in_the_record_and_not_in_the_gain():
     )
 
 
-@pytest.mark.parametrize("options", [{}, {"varying_speed": True, "interval_rule": "exact"}], ids=str)
+@pytest.mark.parametrize("options", [{}, EXACT], ids=str)
 def test_curvature_noise_spreads_the_turn_but_is_not_seen(options):
     loud = World(curvature_noise=0.4, **options)
     _, after, _ = one_step(loud)
@@ -573,23 +545,6 @@ def test_curvature_noise_spreads_the_turn_but_is_not_seen(options):
     np.testing.assert_allclose(turn, (5 + 0.4 * noise) * path, rtol=0, atol=1e-12)
     assert turn.std() == pytest.approx(0.4 * path, rel=0.03)
     np.testing.assert_array_equal(after.memory[:, 0, 1], 1.0)
-
-
-def test_with_curvature_noise_arrival_is_tested_on_the_arc_that_was_swum():
-    world = World(field="radial", curvature_noise=0.9, n_records=2, start_box=((-2, 2), (-2, 2)))
-    starts, noise = draw_starts(world, 400, 0), draw_noise(0, 400, 1)[:, 0]
-    action = actions(world, 1, 400)[0]
-    state = world.start(*starts)
-    after, outcome = world.step(state, action, noise)
-    curvature = np.asarray(world.curvatures)[action] + 0.9 * noise[:, 1]
-    path = reference(
-        state.position, state.heading, curvature, 1.0, world.intervals[0], parts=np.linspace(0, 1, 400)
-    )
-    nearest = np.linalg.norm(path[..., :2], axis=-1).min(axis=0)
-    np.testing.assert_allclose(path[-1, :, :2], after.position, rtol=0, atol=1e-11)
-    clear = np.abs(nearest - 1) > 1e-4
-    np.testing.assert_array_equal(outcome.terminated[clear], (nearest <= 1)[clear])
-    assert 0 < outcome.terminated.sum() < 400
 
 
 def test_rotational_diffusion_turns_headings_by_the_square_root_of_2_d_t():
@@ -601,7 +556,7 @@ def test_rotational_diffusion_turns_headings_by_the_square_root_of_2_d_t():
     np.testing.assert_array_equal(after.position, one_step(World())[1].position)
 
 
-@pytest.mark.parametrize("channel", NOISES)
+@pytest.mark.parametrize("channel", ["concentration_noise", "curvature_noise", "rotational_diffusion"])
 def test_a_perturbed_world_needs_noise_of_every_cell(channel):
     world = World(**{channel: 0.1})
     state = begin(np, world, 3)
@@ -612,36 +567,48 @@ def test_a_perturbed_world_needs_noise_of_every_cell(channel):
             world.step(state, np.zeros(3, int), noise)
 
 
-def test_a_start_of_the_wrong_shape_or_type_is_an_error():
-    world = World()
-    good = Starts(np.zeros((3, 2)), np.zeros(3), np.zeros((3, 4), int))
-    bad = [
-        (good._replace(position=np.zeros((3, 3))), r"position must be floating numbers \(\.\.\., cells, 2\)"),
-        (good._replace(position=np.zeros((3, 2), int)), "position must be floating numbers"),
-        (good._replace(position=np.zeros(2)), "position must be floating numbers"),
-        (good._replace(heading=np.zeros((3, 1))), r"heading must be \(3,\) like the cells"),
-        (good._replace(past=np.zeros((3, 2), int)), r"past must be whole numbers \(3, 4\)"),
-        (good._replace(past=np.zeros((3, 4))), r"past must be whole numbers \(3, 4\), got float64"),
-        (
-            good._replace(past=np.full((3, 4), 2)),
-            "past must hold actions from 0 to 1, got 2, 2, 2, 2 for cell 0",
-        ),
-        (good._replace(past=np.full((3, 4), -1)), "past must hold actions from 0 to 1"),
-    ]
-    world.start(*good)
-    for starts, message in bad:
-        with pytest.raises(ValueError, match=message):
-            world.start(*starts)
+SPREAD = {"spread": {"speed": 0.1}}
+PAST = np.zeros((3, 4), int)
+BAD_STARTS = [
+    (
+        {},
+        {"position": np.zeros((3, 3))},
+        r"position must be floating numbers \(\.\.\., cells, 2\), got \S*float64",
+    ),
+    ({}, {"position": np.zeros((3, 2), int)}, r"position must be floating numbers .* got \S*int64"),
+    ({}, {"position": np.zeros(2)}, r"position must be floating numbers .* got \S*float64 \(2,\)"),
+    (
+        {},
+        {"position": np.array([[0, 0], [np.nan, 0], [0, 0]])},
+        "position must be finite, got nan, 0 for cell 1",
+    ),
+    ({}, {"heading": np.zeros((3, 1))}, r"heading must be \(3,\) like the cells of position, got \(3, 1\)"),
+    ({}, {"heading": np.array([0, 0, np.inf])}, "heading must be finite, got inf for cell 2"),
+    ({}, {"past": PAST[:, :2]}, r"past must be whole numbers \(3, 4\), got \S*int64 \(3, 2\)"),
+    ({}, {"past": 0.0 * PAST}, r"past must be whole numbers \(3, 4\), got \S*float64"),
+    ({}, {"past": PAST + 2}, "past must hold actions from 0 to 1, got 2, 2, 2, 2 for cell 0"),
+    ({}, {"past": PAST - 1}, "past must hold actions from 0 to 1, got -1"),
+    ({}, {"factors": np.ones((3, 2))}, r"factors must be \(3, 2\), and go with a world that has a spread"),
+    (SPREAD, {"factors": np.ones((2, 2))}, r"factors must be \(3, 2\), .* got \(2, 2\)"),
+    (SPREAD, {"factors": np.ones((3, 2)) * [1, -1]}, "factors must be positive, got 1, -1 for cell 0"),
+    (SPREAD, {"factors": np.full((3, 2), np.inf)}, "factors must be positive, got inf, inf for cell 0"),
+    ({}, {"noise": np.zeros((3, 3))}, r"noise must be standard normal numbers \(3, 4\), got \(3, 3\)"),
+    ({}, {"medium": 3}, "medium must be a MediumState, .* got int and medium=None"),
+    (
+        {"field": "radial", "first_arrivals": 4},
+        {},
+        "first_arrivals must be at most the number of cells, 3, got 4",
+    ),
+]
 
 
-def test_a_start_that_is_not_a_number_names_the_cell(xp):
-    position, heading, past = np.zeros((3, 2)), np.zeros(3), np.zeros((3, 4), int)
-    position[1, 0] = np.nan
-    with pytest.raises(ValueError, match=r"position must be finite, got nan, 0 for cell 1"):
-        World().start(array(xp, position), array(xp, heading), array(xp, past, xp.int64))
-    heading[2] = np.inf
-    with pytest.raises(ValueError, match=r"heading must be finite, got inf for cell 2"):
-        World().start(array(xp, np.zeros((3, 2))), array(xp, heading), array(xp, past, xp.int64))
+@pytest.mark.parametrize(("options", "changed", "message"), BAD_STARTS)
+def test_a_start_that_no_life_can_begin_with_is_an_error(xp, options, changed, message):
+    given = {"position": np.full((3, 2), 2.0), "heading": np.zeros(3), "past": PAST} | changed
+    with pytest.raises(ValueError, match=f"^{message}"):
+        World(**options).start(
+            **{name: array(xp, v) if hasattr(v, "shape") else v for name, v in given.items()}
+        )
 
 
 def test_still_water_is_never_integrated():
@@ -654,17 +621,7 @@ def test_still_water_is_never_integrated():
     live(np, World(flow=Fails()), 3, 3)
 
 
-@pytest.mark.parametrize(
-    "world",
-    [
-        World(),
-        World(varying_speed=True, life=2.0),
-        World(flow="taylor_green", sense_flow=True, rotational_diffusion=0.01),
-        World(flow=TaylorGreen(0.3, 2.0), varying_speed=True, n_records=2),
-        World(field="radial", flow="taylor_green"),
-    ],
-    ids=describe,
-)
+@pytest.mark.parametrize("world", KINDS, ids=describe)
 def test_the_way_that_torch_compiles_is_the_way_of_all(monkeypatch, world):
     torch = pytest.importorskip("torch")
     plain = live(torch, world, 5, 8, noise=world.has_noise)

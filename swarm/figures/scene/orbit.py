@@ -151,7 +151,7 @@ class Helices(NamedTuple):
         """
         shares, pose = np.append(share, 1.0), Pose(*(part[:, None] for part in self.start))
         curvature, torsion, speed = (part[:, None] for part in (self.curvature, self.torsion, self.speed))
-        way = along_helix(pose, helix(curvature, torsion, speed, self.duration[:, None] * shares)).position
+        way = along_helix(pose, helix(curvature, torsion, speed * (self.duration[:, None] * shares))).position
         way = way + shares[:, None] * (self.end - way[:, -1])[:, None]
         return np.where(self.seen[:, None, None], way[:, :-1], np.nan)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from swarm._support.arrays import as_array, is_torch, namespace
+from swarm._support.arrays import as_array, is_torch, namespace, polynomial
 
 Array = Any
 
@@ -56,25 +56,9 @@ def normal_quantile(uniform: Array) -> Array:
     xp = namespace(uniform)
     centre = uniform - 0.5
     rest = xp.clip(0.180625 - centre * centre, 0, None)
-    within = centre * _ratio(
-        rest,
-        (59.109374720, 159.29113202, 50.434271938, 3.3871327179),
-        (67.187563600, 78.757757664, 17.895169469, 1.0),
-    )
+    within = polynomial((3.3871327179, 50.434271938, 159.29113202, 59.109374720), rest)
+    within = centre * (within / polynomial((1.0, 17.895169469, 78.757757664, 67.187563600), rest))
     tail = xp.sqrt(-xp.log(xp.clip(xp.minimum(uniform, 1 - uniform), 1.4e-11, None))) - 1.6
-    beyond = _ratio(
-        tail,
-        (0.17023821103, 1.3067284816, 2.7568153900, 1.4234372777),
-        (0.12021132975, 0.73700164250, 1.0),
-    )
+    beyond = polynomial((1.4234372777, 2.7568153900, 1.3067284816, 0.17023821103), tail)
+    beyond = beyond / polynomial((1.0, 0.73700164250, 0.12021132975), tail)
     return xp.where(xp.abs(centre) <= 0.425, within, xp.where(centre < 0, -beyond, beyond))
-
-
-def _ratio(x: Array, above: tuple[float, ...], below: tuple[float, ...]) -> Array:
-    """Ratio of two polynomials, highest powers first."""
-    numerator, denominator = above[0], below[0]
-    for number in above[1:]:
-        numerator = numerator * x + number
-    for number in below[1:]:
-        denominator = denominator * x + number
-    return numerator / denominator

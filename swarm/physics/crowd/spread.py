@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 
 from swarm._support.arrays import Array, as_array, namespace
-from swarm._support.checks import Checked, check_made, check_number, parameter
+from swarm._support.checks import Checked, check_made, check_number, check_rule, parameter
 
 MOST = 3.0  # standard deviations, at which normal numbers are cut off
 
 
 def _check_part(name: str, value: Any) -> float:
     number = check_number(name, value, at_least=0.0)
-    if number * MOST >= 1:
-        raise ValueError(f"{name} must be below 1/{MOST:g}, so that no cell swims backwards, got {value!r}")
+    check_rule(
+        number * MOST < 1, f"{name} must be below 1/{MOST:g}, so that no cell swims backwards", repr(value)
+    )
     return number
 
 

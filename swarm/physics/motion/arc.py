@@ -101,67 +101,51 @@ def length_of(vector: Array) -> Array:
     return (vector[..., 0] ** 2 + vector[..., 1] ** 2) ** 0.5
 
 
-def closest_approach(pose: Pose, curvature: Array, length: Array, point: Sequence[float]) -> Array:
-    """Smallest distance (...) of an arc from `point`, in closed form, for any curvature and `length` >= 0."""
-    xp = namespace(pose.position)
-    start = pose.position - as_array(np.asarray(point), pose.position)  # seen from the point
-    turn = xp.abs(curvature * length)
-    # Where the arc is too straight for its centre to be told apart from infinity, it is a line to rounding.
-    straight = turn < (8 * float(xp.finfo(turn.dtype).eps)) ** 0.5
-    forward = -(start[..., 0] * pose.heading[..., 0] + start[..., 1] * pose.heading[..., 1])
-    reach = xp.where(forward < 0, xp.zeros_like(forward), xp.where(forward > length, length, forward))
-    to_line = length_of(start + reach[..., None] * pose.heading)
-    curvature = xp.where(straight, xp.ones_like(curvature), curvature)
-    side, radius = xp.sign(curvature), 1 / xp.abs(curvature)
-    outward = -left_of(pose.heading) * side[..., None]  # from the centre to the cell, unit length
-    centre = start - outward * radius[..., None]
-    # angle from the cell's place on the circle to the place nearest to the point, in the sense of swimming
-    cross = side * (outward[..., 1] * centre[..., 0] - outward[..., 0] * centre[..., 1])
-    dot = outward[..., 0] * centre[..., 0] + outward[..., 1] * centre[..., 1]
-    angle = xp.atan2(cross, -dot)
-    angle = xp.where(angle < 0, angle + 2 * math.pi, angle)
-    cosine, sine = xp.cos(turn)[..., None], xp.sin(turn)[..., None]
-    end = centre + (outward * cosine + pose.heading * sine) * radius[..., None]
-    at_ends = xp.minimum(length_of(start), length_of(end))
-    to_arc = xp.where(angle <= turn, xp.abs(length_of(centre) - radius), at_ends)
-    return xp.where(straight, to_line, to_arc)
-
-
 def arrival(pose: Pose, curvature: Array, length: Array, point: Sequence[float], radius: float) -> Array:
     """The part (...) of an arc at which it first comes within a radius of `point`, in closed form; infinite
-    where it does not. For a start outside, any curvature and `length` >= 0.
+    where it does not. For any curvature and `length` >= 0; 0 where it starts there.
     """
     xp = namespace(pose.position)
-    start = pose.position - as_array(np.asarray(point), pose.position)
-    ahead = start[..., 0] * pose.heading[..., 0] + start[..., 1] * pose.heading[..., 1]
-    aside = pose.heading[..., 0] * start[..., 1] - pose.heading[..., 1] * start[..., 0]  # seen to the left
-    squared = start[..., 0] ** 2 + start[..., 1] ** 2
+    nearly = 1e-3 if xp.finfo(pose.position.dtype).eps < 1e-10 else 0.05  # where a circle is too large [rad]
+    (x, y), (along, across) = components(pose.position), components(pose.heading)
+    x, y = x - point[0], y - point[1]  # seen from the point
+    ahead, aside = x * along + y * across, along * y - across * x
+    squared, nothing = x**2 + y**2, xp.zeros_like(x)
+    one, never = nothing + 1, nothing + math.inf
+    inside, moves = squared <= radius**2, length > 0
+    outside = squared - radius**2
+    straight = xp.abs(curvature * length) < nearly
+    kappa = xp.where(straight, one, curvature)
     # half of what distance² changes in a turn φ: rise sin φ + shift (1 − cos φ)
-    straight = xp.abs(curvature * length) < 1e-3
-    kappa = xp.where(straight, xp.ones_like(curvature), curvature)
     rise, shift = ahead / kappa, (1 / kappa + aside) / kappa
-    missing = 0.5 * (radius**2 - squared) - shift  # = rise sin φ − shift cos φ at the arrival
+    missing = -0.5 * outside - shift  # = rise sin φ − shift cos φ at the arrival
     swing = xp.sqrt(rise * rise + shift * shift)
-    safe = xp.where(swing > 0, swing, xp.ones_like(swing))
-    reached = xp.abs(missing) <= swing
-    angle = xp.asin(xp.clip(missing / safe, -1.0, 1.0))
+    meets = (xp.abs(missing) <= swing) & (swing > 0)
+    angle = xp.asin(xp.where(meets, missing, nothing) / xp.where(meets, swing, one))
     phase = xp.atan2(-shift, rise)  # rise sin φ − shift cos φ = swing sin(φ + phase)
     sense = xp.sign(kappa)
     turns = [xp.remainder(sense * (candidate - phase), 2 * math.pi) for candidate in (angle, math.pi - angle)]
-    turn = xp.minimum(*turns) / xp.where(length > 0, xp.abs(kappa) * length, xp.ones_like(length))
-    # Where the arc is nearly straight, u = 2 tan(φ/2)/κ solves a u² + 2 ahead u + outside = 0.
-    outside = squared - radius**2
-    a = 1 + curvature * aside + 0.25 * curvature * curvature * outside
-    root = ahead * ahead - a * outside
+    part = xp.minimum(*turns) / xp.where(moves, sense * kappa * length, one)
+    if not isinstance(straight, np.ndarray) or straight.any():
+        line, there = _along_line(ahead, aside, outside, curvature)
+        part = xp.where(straight, line / xp.where(moves, length, one), part)
+        meets = xp.where(straight, there, meets)
+    reached = inside | (meets & (part <= 1) & moves)
+    return xp.where(reached, xp.where(inside, nothing, part), never)
+
+
+def _along_line(ahead: Array, aside: Array, outside: Array, curvature: Array) -> tuple[Array, Array]:
+    """How far (...) a nearly straight arc goes to a circle, and whether it comes there at all. `ahead` and
+    `aside` tell where it starts as seen from the centre, `outside` is distance² less radius².
+    """
+    xp = namespace(ahead)
+    half = 0.5 * curvature  # u = 2 tan(φ/2)/κ solves a u² + 2 ahead u + outside = 0
+    root = ahead * ahead - (1 + curvature * aside + half * half * outside) * outside
     denominator = xp.sqrt(xp.where(root > 0, root, xp.zeros_like(root))) - ahead
     there = (root >= 0) & (denominator > 0)
-    line = outside / xp.where(there, denominator, xp.ones_like(denominator))
-    bend = (0.5 * curvature * line) ** 2  # length = 2 atan(κ u/2)/κ
-    line = line * (1 - bend / 3 + bend * bend / 5) / xp.where(length > 0, length, xp.ones_like(length))
-    part = xp.where(straight, line, turn)
-    reached = xp.where(straight, there, reached) & (part <= 1) & (length > 0)
-    part = xp.where(squared <= radius**2, xp.zeros_like(part), part)
-    return xp.where(reached | (squared <= radius**2), part, xp.full_like(part, math.inf))
+    line = outside / xp.where(there, denominator, xp.ones_like(root))
+    bend = (half * line) ** 2  # length = 2 atan(κ u/2)/κ
+    return line * (1 - bend / 3 + bend * bend / 5), there
 
 
 def arrival_on(path: Array, start: Array, end: Array, point: Sequence[float], radius: float) -> Array:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarm._support.arrays import as_array, at_least, look_up, namespace
+from swarm._support.checks import check_rule
 
 Array = Any
 
@@ -51,20 +52,16 @@ class Clock:
 
     def __post_init__(self) -> None:
         steps = max(self.periods) / (self.n_records * self.time_step)
-        if self.rule != "exact" and steps > MAX_TICKS:
-            raise ValueError(
-                f"time_step must leave at most {MAX_TICKS} steps per decision, got time_step = "
-                f"{self.time_step:g} with period T = {max(self.periods):g} at this speed and curvature, "
-                f"and n_records = {self.n_records}"
-            )
-        if self.life / self.tick > 2**30:
-            raise ValueError(f"life must be at most 2^30 ticks of {self.tick:g}, got {self.life:g}")
-        if min(self.interval_ticks) < 1:
-            raise ValueError(
-                "n_records must leave at least one time_step per decision: T/(N_T Δt) must reach 1, got "
-                f"n_records = {self.n_records} with period T = {min(self.periods):g} at this speed and "
-                f"curvature, and time_step = {self.time_step:g}"
-            )
+        step, records = f"time_step = {self.time_step:g}", f"n_records = {self.n_records}"
+        period = "with period T = {:g} at this speed and curvature, and".format
+        rule = f"time_step must leave at most {MAX_TICKS} steps per decision"
+        few = self.rule == "exact" or steps <= MAX_TICKS
+        check_rule(few, rule, f"{step} {period(max(self.periods))} {records}")
+        rule = f"life must be at most 2^30 ticks of {self.tick:g}"
+        check_rule(self.life / self.tick <= 2**30, rule, f"{self.life:g}")
+        rule = "n_records must leave at least one time_step per decision: T/(N_T Δt) must reach 1"
+        whole = min(self.interval_ticks) >= 1
+        check_rule(whole, rule, f"{records} {period(min(self.periods))} {step}")
 
     @cached_property
     def has_common_tick(self) -> bool:

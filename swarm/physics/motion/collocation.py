@@ -10,7 +10,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -40,6 +40,8 @@ class Collocation:
     substeps: int
     outputs: int = 0  # evenly spaced places within a substep where the path is wanted too
 
+    largest_turn: ClassVar[float] = math.inf  # by the flow, in a substep [rad]
+
     @classmethod
     def for_interval(
         cls,
@@ -59,14 +61,16 @@ class Collocation:
         With a `spacing` [time] the path is given at least that often. Raises ValueError where the flow's
         scales ask for more than a thousand substeps.
         """
-        cheapest = None
+        cheapest, spun = None, _most(flow, "spin") * duration
         for substeps in (each for each in SUBSTEPS if each >= least):
+            if spun / substeps > cls.largest_turn:
+                continue
             if cheapest is not None and substeps * 3 * MIN_SWEEPS > cheapest[0]:
                 break
             for nodes, sweeps in itertools.product(range(3, 7), range(MIN_SWEEPS, 7)):
                 cost = substeps * sweeps * (nodes + 3)  # three: what a sweep costs however few the nodes
                 if cheapest is None or cost < cheapest[0]:
-                    error = cls.estimate(flow, turn, length, duration, nodes, sweeps, substeps)
+                    error = error_estimate(flow, turn, length, duration, nodes, sweeps, substeps)
                     cheapest = (cost, nodes, sweeps, substeps) if error <= tolerance else cheapest
         if cheapest is None:
             raise ValueError(
@@ -77,11 +81,6 @@ class Collocation:
         _, nodes, sweeps, substeps = cheapest
         outputs = 0 if spacing is None else math.ceil(duration / substeps / spacing - 1e-9)
         return cls(nodes, sweeps, substeps, outputs)
-
-    @staticmethod
-    def estimate(flow: Flow, turn: float, length: float, duration: float, *scheme: int) -> float:
-        """`error_estimate` of a scheme of so many nodes, sweeps and substeps."""
-        return error_estimate(flow, turn, length, duration, *scheme)
 
     @cached_property
     def fractions(self) -> np.ndarray:
@@ -217,6 +216,12 @@ def fastest_change(flow: Flow) -> float:
     return stated if stated is not None else flow.spin_scale if hasattr(flow, "at") else 0.0
 
 
+def _most(flow: Flow, quantity: str) -> float:
+    """The bound of a flow's speed or spin, its scale where it states none."""
+    stated = getattr(flow, f"max_{quantity}", None)
+    return getattr(flow, f"{quantity}_scale") if stated is None else stated
+
+
 def error_estimate(
     flow: Flow, turn: float, length: float, duration: float, nodes: int, sweeps: int, substeps: int
 ) -> float:
@@ -226,10 +231,8 @@ def error_estimate(
     Calibrated against DOP853 on Taylor–Green flows of wavenumbers 0.01 to 100 and speeds 1e-8 to 3, chaotic
     ones among them, in which neighbouring paths part within an interval.
     """
-    fastest, spin = getattr(flow, "max_speed", None), getattr(flow, "max_spin", None)
-    fastest = flow.speed_scale if fastest is None else fastest
-    spin = flow.spin_scale if spin is None else spin
-    spin = max(spin, getattr(flow, "max_shear", None) or 0.0)  # a flow may strain without spinning
+    fastest = _most(flow, "speed")
+    spin = max(_most(flow, "spin"), getattr(flow, "max_shear", None) or 0.0)  # it may strain without spinning
     # it changes over a length of about speed/spin, if it does not say that it does so over a shorter one
     wavenumber = max(spin / fastest if fastest > 0 else 0.0, getattr(flow, "max_wavenumber", 0.0))
     step, speed = duration / substeps, length / duration

@@ -16,30 +16,25 @@ import numpy as np
 from swarm._support.arrays import as_array, join, look_up, namespace, polynomial, stacked
 from swarm.physics.flows import Flow
 from swarm.physics.motion.arc import Pose, components
-from swarm.physics.motion.collocation import (
-    Collocation,
-    error_estimate,
-    integral,
-    velocity_and_vorticity,
-)
+from swarm.physics.motion.collocation import Collocation, integral, velocity_and_vorticity
 from swarm.physics.motion.domain import within
 from swarm.physics.motion.helix import (
     CELL,
     Parts,
-    along,
+    along_helix,
     closest_approach,
     cross,
     dot,
     frame,
+    helix,
     led_off,
     product_parts,
     rotated_parts,
-    screw,
     tangent,
     tangent_parts,
     unit_quaternion,
 )
-from swarm.physics.motion.swimmer import Interval, Swimmer
+from swarm.physics.motion.swimmer import Interval, Swimmer, Way
 
 Array = Any
 
@@ -47,7 +42,6 @@ Array = Any
 HALF_COSINE = [(-1) ** k / math.factorial(2 * k) for k in range(9)]  # cos h in powers of h²
 HALF_SINE = [(-1) ** k / (2 * math.factorial(2 * k + 1)) for k in range(9)]  # sin(h)/2h
 BENDING = [1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160]  # (1 − h cot h)/4h² in powers of 4h²
-LARGEST_TURN = 1.0  # by the flow, in a substep [rad]
 
 
 @dataclass(frozen=True)
@@ -60,19 +54,12 @@ class HelicalCollocation(Collocation):
     one direction everywhere θ is exact but for quadrature.
     """
 
-    @staticmethod
-    def estimate(flow: Any, turn: float, length: float, duration: float, *scheme: int) -> float:
-        """As in the plane, but no substep may turn the frame far."""
-        spin, substeps = getattr(flow, "max_spin", None), scheme[-1]
-        spin = flow.spin_scale if spin is None else spin
-        if spin * duration / substeps > LARGEST_TURN:
-            return math.inf
-        return error_estimate(flow, turn, length, duration, *scheme)
+    largest_turn = 1.0
 
     def motions(self, arcs: tuple[Array, Array], speed: Array, duration: Array) -> tuple[Array, ...]:
         """Screws (7 of (targets, ...)) from the start of a substep to each target."""
         length = speed * duration / self.substeps
-        by_target = [screw(*arcs, float(target) * length) for target in self.targets]
+        by_target = [helix(*arcs, float(target) * length) for target in self.targets]
         return tuple(namespace(length).stack(parts) for parts in zip(*by_target, strict=True))
 
     def _substep(
@@ -86,10 +73,10 @@ class HelicalCollocation(Collocation):
     ) -> tuple[Pose, Array | None]:
         n, start = self.nodes, components(pose.heading)
         moved = rotated_parts(start, motions[:3])
-        helix = [by + place for by, place in zip(moved, components(pose.position), strict=True)]
+        places = [by + place for by, place in zip(moved, components(pose.position), strict=True)]
         frames = product_parts(start, motions[3:])  # (targets, ...)
         along = [part * speed for part in tangent_parts([part[:n, ...] for part in frames])]
-        place, turn = [part[:n, ...] for part in helix], None
+        place, turn = [part[:n, ...] for part in places], None
         when = None if times is None else stacked(place[0], times)
         for sweep in range(self.sweeps):
             last = sweep == self.sweeps - 1
@@ -101,7 +88,7 @@ class HelicalCollocation(Collocation):
             wanted = slice(n, None) if last else slice(n)
             place = [
                 integral(table[wanted, ...], swum + by) + at[wanted, ...]
-                for swum, by, at in zip(off, current, helix, strict=True)
+                for swum, by, at in zip(off, current, places, strict=True)
             ]
         end = product_parts([part[-1, ...] for part in led], [part[-1, ...] for part in frames])
         path = join(*(part[:-1, ...] for part in place)) if self.outputs else None
@@ -136,22 +123,18 @@ class HelicalSwimmer(Swimmer):
 
     collocation = HelicalCollocation
 
-    def _largest(self) -> tuple[float, float, float]:
-        lengths = [speed * time for speed, time in zip(self.speeds, self.clock.intervals, strict=True)]
-        bends = map(math.hypot, self.curvatures, self.torsions)
-        turns = [bend * length for bend, length in zip(bends, lengths, strict=True)]
-        return max(turns), max(lengths), max(self.clock.intervals)
+    @property
+    def _bends(self) -> tuple[float, ...]:
+        return tuple(map(math.hypot, self.curvatures, self.torsions))
 
     def arc_of(self, action: Array, curvature: Array) -> tuple[Array, Array]:
         """Curvature and torsion (..., cells) of an action with this curvature."""
-        if isinstance(action, np.ndarray) and isinstance(curvature, np.ndarray):
-            return curvature, np.asarray(self.torsions, curvature.dtype)[action]
         return curvature, look_up(as_array(np.asarray(self.torsions), curvature), action)
 
     def _motion(self, arcs: tuple[Array, Array], speed: Array, length: Array) -> Sequence[Array]:
-        return (
-            screw(*arcs, speed * length) if self.scheme is None else self.scheme.motions(arcs, speed, length)
-        )
+        if self.scheme is None:
+            return helix(*arcs, speed * length)
+        return self.scheme.motions(arcs, speed, length)
 
     def _motion_of(self, parts: Array) -> Sequence[Array]:
         if self.scheme is not None:
@@ -161,12 +144,12 @@ class HelicalSwimmer(Swimmer):
     def swim(self, pose: Pose, interval: Interval, time: Array = None) -> tuple[Pose, Array | None]:
         """As in the plane."""
         if self.scheme is None:
-            return along(pose, interval.motion), None
+            return along_helix(pose, interval.motion), None
         weights, flow = self.tables(pose.position).weights, within(self.flow, pose.position)
         return self.scheme.swim(pose, interval.motion, interval.speed, interval.length, weights, flow, time)
 
     def _along(self, pose: Pose, arcs: tuple[Array, Array], speed: Array, length: Array) -> Pose:
-        return along(pose, screw(*arcs, speed * length))
+        return along_helix(pose, helix(*arcs, speed * length))
 
     def pose(self, position: Array, heading: Array) -> Pose:
         """The pose of cells at positions (..., cells, 3) and frames (..., cells, 4), scaled to length 1."""
@@ -192,8 +175,11 @@ class HelicalSwimmer(Swimmer):
         radius = curvature / xp.where(turning, square, xp.full_like(square, math.nan))
         return pose.position + frame(pose.heading)[1] * radius[..., None]
 
-    def _closest_approach(
-        self, pose: Pose, arcs: tuple[Array, Array], length: Array, point: Sequence[float]
-    ) -> Array:
+    def comes_within(self, before: Pose, way: Way, egg: tuple[Any, float]) -> Array:
+        """As in the plane."""
+        if way.path is not None:
+            return super().comes_within(before, way, egg)
+        (centre, radius), interval = egg, way.interval
+        (curvature, torsion), length = interval.swum, interval.speed * interval.length
         cells = max(1, math.ceil(self._largest()[0] / CELL))
-        return closest_approach(pose, *arcs, length, point, cells)
+        return closest_approach(before, curvature, torsion, length, centre, cells) <= radius

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,25 +24,13 @@ CELL = 0.4  # [rad] of a helix in which one nearest place is looked for
 NEWTON_STEPS = 3
 
 
-class Screw(NamedTuple):
-    """A helix as its swimmer sees it, in the frame at the start."""
+def helix(curvature: Array, torsion: Array, length: Array) -> tuple[Array, ...]:
+    """The screw along a helix in the frame at its start, by its seven components (...): displacement x, y, z
+    [length] and rotation w, x, y, z, a unit quaternion.
 
-    displacement: Array  # (..., 3) [length]
-    rotation: Array  # (..., 4) unit quaternion
-
-
-def helix(curvature: Array, torsion: Array, speed: Array, duration: Array) -> Screw:
-    """The screw (...) along a helix, exact for any curvature and torsion, both 0 too [1 / length].
-
-    Shapes broadcast; a negative duration runs the path backwards. One with both constant has the radius κ/w²
-    and the pitch 2πτ/w².
+    Exact for any curvature and torsion, both 0 too [1 / length]; a negative `length` runs the path backwards.
+    With both constant it has the radius κ/w² and the pitch 2πτ/w².
     """
-    parts = screw(curvature, torsion, speed * duration)
-    return Screw(join(*parts[:3]), join(*parts[3:]))
-
-
-def screw(curvature: Array, torsion: Array, length: Array) -> tuple[Array, ...]:
-    """The seven components (...) of a screw: displacement x, y, z and rotation w, x, y, z."""
     xp = namespace(length)
     turn = length * (curvature * curvature + torsion * torsion) ** 0.5
     half, square = 0.5 * turn, turn * turn
@@ -64,17 +52,12 @@ def screw(curvature: Array, torsion: Array, length: Array) -> tuple[Array, ...]:
     )
 
 
-def along_helix(pose: Pose, screw: Screw) -> Pose:
+def along_helix(pose: Pose, screw: Parts) -> Pose:
     """The pose (..., cells) after a screw in still water."""
-    return along(pose, (*components(screw.displacement), *components(screw.rotation)))
-
-
-def along(pose: Pose, parts: Parts) -> Pose:
-    """The pose after a screw of seven components."""
     frame = components(pose.heading)
-    moved = rotated_parts(frame, parts[:3])
+    moved = rotated_parts(frame, screw[:3])
     place = (start + by for start, by in zip(components(pose.position), moved, strict=True))
-    return Pose(join(*place), unit_quaternion(product_parts(frame, parts[3:])))
+    return Pose(join(*place), unit_quaternion(product_parts(frame, screw[3:])))
 
 
 def frame(quaternion: Array) -> tuple[Array, Array, Array]:
@@ -104,13 +87,6 @@ def conjugate(quaternion: Array) -> Array:
 def rotated(quaternion: Array, vector: Array) -> Array:
     """A vector (..., 3), turned."""
     return join(*rotated_parts(components(quaternion), components(vector)))
-
-
-def turned_about(axis: Array, angle: Array) -> Array:
-    """The quaternion (..., 4) of a turn by an angle (...) [rad] about a unit vector (..., 3)."""
-    xp = namespace(angle)
-    sine = xp.sin(0.5 * angle)
-    return join(xp.cos(0.5 * angle), *(sine * part for part in components(axis)))
 
 
 # By component: array libraries are slow on last axes of three and four.
@@ -184,7 +160,7 @@ def closest_approach(
     half = 0.5 * length / cells
     place = middle
     for _ in range(NEWTON_STEPS):
-        *moved, w, x, _, z = screw(curvature, torsion, place)
+        *moved, w, x, _, z = helix(curvature, torsion, place)
         to = [start + by for start, by in zip(seen, moved, strict=True)]
         ahead = 1 - 2 * z * z, 2 * w * z, 2 * x * z  # the tangent there; y = 0
         bend = -2 * w * z, 1 - 2 * (x * x + z * z), 2 * w * x  # and the normal
@@ -196,5 +172,5 @@ def closest_approach(
         place = xp.minimum(xp.maximum(place + change, middle - half), middle + half)
     ends = xp.stack([xp.zeros_like(length), length])
     places = xp.concat([place, xp.broadcast_to(ends, (2, *place.shape[1:]))], axis=0)
-    ends_to = [start + by for start, by in zip(seen, screw(curvature, torsion, places), strict=False)]
+    ends_to = [start + by for start, by in zip(seen, helix(curvature, torsion, places), strict=False)]
     return xp.min(dot(ends_to, ends_to), axis=0) ** 0.5

@@ -23,8 +23,9 @@ from swarm.physics.motion.arc import (
     Pose,
     along_arc,
     arc,
+    arrival,
+    arrival_on,
     centre_of_curvature,
-    closest_approach,
     comes_within,
     components,
 )
@@ -90,8 +91,12 @@ class Swimmer:
         wider = (1.0, 1.0) if self.spread is None else self.spread.largest
         lengths = [speed * time for speed, time in zip(self.speeds, self.clock.intervals, strict=True)]
         largest = max(map(abs, self.range or ()), default=0.0)
-        turns = [max(kappa, largest) * length for kappa, length in zip(self.curvatures, lengths, strict=True)]
+        turns = [max(bend, largest) * length for bend, length in zip(self._bends, lengths, strict=True)]
         return max(turns) * wider[0] * wider[1], max(lengths) * wider[0], max(self.clock.intervals)
+
+    @property
+    def _bends(self) -> tuple[float, ...]:
+        return self.curvatures
 
     @cached_property
     def scheme(self) -> Collocation | None:
@@ -113,31 +118,19 @@ class Swimmer:
         """What decisions do, in the array library, dtype and device of `like`."""
 
         def made() -> Tables:
+            action, length = self.clock.columns()
+            curvature, speed = np.asarray(self.curvatures)[action], np.asarray(self.speeds)[action]
+            motion = self._motion(self.arc_of(action, curvature), speed, length)
+            parts = (part.reshape(-1, len(length)) for part in motion)
+            rows = np.vstack([self.normal_curvature(curvature), length, speed, *parts])
             weights = None if self.scheme is None else as_array(self.scheme.weights, like)
-            return Tables(as_array(self._rows(), like), self.clock.ticks(like), weights)
+            return Tables(as_array(rows, like), self.clock.ticks(like), weights)
 
         tables: Tables = kept_for(like, self._tables, made)
         return tables
 
-    def _rows(self) -> np.ndarray:
-        """`Tables.rows` in float64."""
-        action, length = self.clock.columns()
-        curvature, speed = np.asarray(self.curvatures)[action], np.asarray(self.speeds)[action]
-        motion = self._motion(self.arc_of(action, curvature), speed, length)
-        parts = (part.reshape(-1, len(length)) for part in motion)
-        return np.vstack([self.normal_curvature(curvature), length, speed, *parts])
-
-    def swum_curvature(self, action: Array, kick: Array | None, like: Array, factors: Array = None) -> Array:
-        """Curvature (..., cells) of the arcs that are swum: as chosen, by the cell's own factor, and its
-        perturbation [1 / length].
-        """
-        chosen = self._chosen(action, like)
-        if factors is not None:
-            chosen = chosen * factors[..., 1]
-        return chosen if kick is None else chosen + kick
-
-    def _chosen(self, action: Array, like: Array) -> Array:
-        """Curvature (..., cells) of an action [1 / length]."""
+    def chosen(self, action: Array, like: Array) -> Array:
+        """Curvature (..., cells) of an action, of the kind of `like` [1 / length]."""
         if self.range is None:
             return look_up(as_array(np.asarray(self.curvatures), like), action)
         xp = namespace(like)
@@ -158,31 +151,31 @@ class Swimmer:
         is a common tick. `kick` perturbs the curvature; `factors` (..., cells, 2) multiply speed and
         curvature.
         """
-        if not self.clock.has_common_tick:
+        tabled = self.range is None and kick is None and factors is None
+        if self.clock.has_common_tick:
+            tables = self.tables(like)
+            number = action if self.range is None else namespace(count).zeros_like(count)  # all are alike
+            count, column = self.clock.next_column(count, number, tables.ticks, over)
+            rows = look_up(tables.rows, column)
+            curvature, length, speed = rows[0, ...], rows[1, ...], rows[2, ...]
+            if tabled:
+                return Interval(count, self._motion_of(rows[3:, ...]), length, speed, curvature)
+        else:
             count, length = self.clock.next_length(count, action, over, like)
             speed = look_up(as_array(np.asarray(self.speeds), like), action)
-            if factors is not None:
-                speed = speed * factors[..., 0]
-            motion = self._motion(self.arcs(action, kick, like, factors), speed, length)
-            chosen = self.swum_curvature(action, None, like)
-            return Interval(count, motion, length, speed, self.normal_curvature(chosen))
-        tables, steered = self.tables(like), self.range is not None
-        number = namespace(count).zeros_like(count) if steered else action  # all intervals are alike
-        count, column = self.clock.next_column(count, number, tables.ticks, over)
-        rows = look_up(tables.rows, column)
-        curvature, length, speed = rows[0, ...], rows[1, ...], rows[2, ...]
+        if self.range is not None or not self.clock.has_common_tick:
+            curvature = self.normal_curvature(self.chosen(action, like))
         if factors is not None:
             speed = speed * factors[..., 0]
-        if steered:
-            curvature = self.normal_curvature(self._chosen(action, like))
-        if steered or kick is not None or factors is not None:
-            motion = self._motion(self.arcs(action, kick, like, factors), speed, length)
-            return Interval(count, motion, length, speed, curvature)
-        return Interval(count, self._motion_of(rows[3:, ...]), length, speed, curvature)
+        motion = self._motion(self.arcs(action, kick, like, factors), speed, length)
+        return Interval(count, motion, length, speed, curvature)
 
     def arcs(self, action: Array, kick: Array | None, like: Array, factors: Array = None) -> Any:
-        """What is swum with an action, its `swum_curvature` in it, see `arc_of`."""
-        return self.arc_of(action, self.swum_curvature(action, kick, like, factors))
+        """What is swum with an action, see `arc_of`: its curvature by the cell's own factor, and kicked."""
+        curvature = self.chosen(action, like)
+        if factors is not None:
+            curvature = curvature * factors[..., 1]
+        return self.arc_of(action, curvature if kick is None else curvature + kick)
 
     # --- the geometry of the plane, in place of which `helical` has that of space ---------------------------
 
@@ -216,19 +209,19 @@ class Swimmer:
         """Centre of the circle (..., cells, 2) that cells swim on."""
         return centre_of_curvature(pose, arcs)
 
-    def comes_within(
-        self, before: Pose, interval: Interval, end: Pose, path: Array | None, egg: tuple[Any, float]
-    ) -> Array:
-        """Whether cells (..., cells) come to an egg (position, radius) on their way to a pose."""
-        if path is not None:
-            return comes_within(path, end.position, *egg)
-        centre, radius = egg
-        length = interval.speed * interval.length
-        return self._closest_approach(before, interval.swum, length, centre) <= radius
+    def arrival(self, before: Pose, way: Way, egg: tuple[Any, float]) -> Array:
+        """The part (..., cells) of a way at which cells come to an egg (position, radius), else infinite."""
+        if way.path is not None:
+            return arrival_on(way.path, before.position, way.pose.position, *egg)
+        interval = way.interval
+        return arrival(before, interval.swum, interval.speed * interval.length, *egg)
 
-    def _closest_approach(self, pose: Pose, arcs: Any, length: Array, point: Sequence[float]) -> Array:
-        """Smallest distance (..., cells) of what is swum in still water from `point`."""
-        return closest_approach(pose, arcs, length, point)
+    def comes_within(self, before: Pose, way: Way, egg: tuple[Any, float]) -> Array:
+        """Whether cells (..., cells) come to an egg (position, radius) on their way."""
+        if way.path is not None:
+            return comes_within(way.path, way.pose.position, *egg)
+        found = self.arrival(before, way, egg)
+        return namespace(found).isfinite(found)
 
     def swim(self, pose: Pose, interval: Interval, time: Array = None) -> tuple[Pose, Array | None]:
         """The pose after an interval that begins at `time` (..., cells), which only a flow that changes

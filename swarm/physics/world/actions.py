@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from swarm._support.arrays import as_array, look_up, namespace
-from swarm._support.checks import check_pair
+from swarm._support.checks import check_pair, check_rule
 from swarm.physics.crowd.spread import Spread
 
 Array = Any
@@ -21,8 +21,7 @@ SLACK = 1e-6  # by which curvatures may be off their range, per its largest: flo
 def check_range(name: str, value: Any) -> tuple[float, float]:
     """Return `value` as the lowest and the highest curvature; raises unless they are two that rise."""
     low, high = check_pair(name, value, rule="two finite numbers, the lowest and the highest")
-    if not high - low > 1e-9 * max(abs(low), abs(high)):
-        raise ValueError(f"{name} must rise, got {value!r}")
+    check_rule(high - low > 1e-9 * max(abs(low), abs(high)), f"{name} must rise", repr(value))
     return low, high
 
 
@@ -46,21 +45,17 @@ class Actions:
     curvature_diffusion: float
     spread: Spread | None
     intervals: Any
+    swimmer: Any
 
     def _check_actions(self) -> None:
         """Raises ValueError where the parameters of actions do not go together."""
-        if not self.is_continuous:
-            if self.curvature_range is not None:
-                raise ValueError(
-                    f"curvature_range must go with action='continuous', got {self.curvature_range} with "
-                    f"{self.action!r}"
-                )
-        elif self.varying_speed:
-            raise ValueError("action='continuous' must go with one speed, got varying_speed=True")
-        elif self.largest_curvature * self.speed >= 1e9:
-            raise ValueError(
-                f"curvature_range × speed must lie below 1e9 rad per time, got {self.curvature_range}"
-            )
+        steered, limits = self.is_continuous, self.curvature_range
+        rule = "curvature_range must go with action='continuous'"
+        check_rule(steered or limits is None, rule, f"{limits} with {self.action!r}")
+        rule = "action='continuous' must go with one speed"
+        check_rule(not steered or not self.varying_speed, rule, "varying_speed=True")
+        slow = self.largest_curvature * self.speed < 1e9
+        check_rule(not steered or slow, "curvature_range × speed must lie below 1e9 rad per time", limits)
 
     @cached_property
     def n_actions(self) -> int:
@@ -127,8 +122,7 @@ class Actions:
 
     def normal_curvature(self, curvature: Array) -> Array:
         """κ* = 2 (κ − κ̄)/|κ₁ − κ_m| (paper: normalisation of curvature)."""
-        lowest, highest = self.curvatures[0], self.curvatures[-1]
-        return (curvature - 0.5 * (lowest + highest)) * (2 / (highest - lowest))
+        return self.swimmer.normal_curvature(curvature)
 
     @cached_property
     def dimensions(self) -> int:
@@ -190,10 +184,10 @@ class Actions:
 
     def ends(self, like: Array) -> tuple[Array, Array]:
         """The actions (..., cells) that take κ₁ and κ_m."""
-        full = namespace(like).full_like
-        if self.is_continuous:
-            return full(like, self.curvatures[0]), full(like, self.curvatures[-1])
-        return full(like, 0), full(like, self.n_actions - 1)
+        low, high = (
+            (self.curvatures[0], self.curvatures[-1]) if self.is_continuous else (0, self.n_actions - 1)
+        )
+        return namespace(like).full_like(like, low), namespace(like).full_like(like, high)
 
     def is_action(self, values: Array) -> Array:
         """Whether values (...) of the right kind are actions."""

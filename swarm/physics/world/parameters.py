@@ -22,13 +22,13 @@ from swarm._support.checks import (
     check_number,
     check_pair,
     check_point,
+    check_rule,
     optional,
     parameter,
 )
 from swarm.physics import species
 from swarm.physics.crowd.interactions import Interaction, check_interactions
 from swarm.physics.crowd.medium import Medium, check_medium
-from swarm.physics.crowd.race import Race
 from swarm.physics.crowd.spread import Spread, check_spread
 from swarm.physics.fields import Field
 from swarm.physics.flows import Flow, StillWater
@@ -40,7 +40,7 @@ from swarm.physics.perception import Memory, MemoryWithFlow, MemoryWithFlowInSpa
 from swarm.physics.rewards import Reward, check_reward
 from swarm.physics.world import rules
 from swarm.physics.world.actions import ACTIONS, Actions, check_range
-from swarm.physics.world.scale import check_scale
+from swarm.physics.world.race import Race
 
 Array = Any
 
@@ -96,7 +96,9 @@ class Parameters(Actions, Checked):
     action: str = parameter("discrete", check_name, known=ACTIONS)
     curvature_range: tuple[float, float] | None = parameter(None, optional(check_range))  # [1 / length]
     # of each action, with its curvature: cells swim helices in space; None: in the plane [1 / length]
-    torsions: tuple[float, ...] | None = parameter(None, optional(rules.check_torsions))
+    torsions: tuple[float, ...] | None = parameter(
+        None, optional(rules.check_numbers), rule="a number for each of curvatures"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -104,8 +106,8 @@ class Parameters(Actions, Checked):
             with_flow = MemoryWithFlow if self.torsions is None else MemoryWithFlowInSpace
             object.__setattr__(self, "sensor", with_flow() if self.sense_flow else Memory())
         senses_flow = isinstance(self.sensor, MemoryWithFlow)
-        if self.sense_flow and not senses_flow:
-            raise ValueError(f"sense_flow must go with the sensor memory_with_flow, got {self.sensor!r}")
+        rule = "sense_flow must go with the sensor memory_with_flow"
+        check_rule(senses_flow or not self.sense_flow, rule, repr(self.sensor))
         object.__setattr__(self, "sense_flow", senses_flow)
         self._check_actions()
         rules.check_dimensions(self)
@@ -114,38 +116,33 @@ class Parameters(Actions, Checked):
             if hasattr(part, "check"):
                 part.check(self)
         rates = tuple(self.mean_curvature * speed for speed in self.action_speeds)
-        if not all(1e-9 < rate < 1e9 for rate in rates):
-            raise ValueError(
-                f"mean curvature × speed must lie between 1e-9 and 1e9 rad per time, got {rates}"
-            )
+        rule = "mean curvature × speed must lie between 1e-9 and 1e9 rad per time"
+        check_rule(all(1e-9 < rate < 1e9 for rate in rates), rule, rates)
         rules.check_times(self.life, field=self.field, flow=self.flow)
         try:
             _ = self.swimmer.scheme  # raises where intervals cannot be counted or the flow varies too fast
         except ArithmeticError:
             raise ValueError(f"flow must vary slowly enough to be followed, got {self.flow!r}") from None
         self._check_company()
-        check_scale(self)
+        rules.check_scale(self)
 
     def _check_company(self) -> None:
         """Raises ValueError where what cells share does not go with the rest."""
-        if self.is_shared and len(set(self.clock.intervals)) > 1:
-            raise ValueError(
-                "interval_rule must be 'common' where cells share a medium, interact, race or sense others, "
-                f"so that all decide at the same moments, got {self.interval_rule!r} with "
-                f"{self.clock.intervals}"
-            )
-        if self.first_arrivals is not None and self.egg is None:
-            raise ValueError(f"first_arrivals must go with a field that has an egg, got {self.field!r}")
-        if self.block_delay > 0 and self.first_arrivals is None:
-            raise ValueError(f"block_delay must go with first_arrivals, got {self.block_delay:g} without")
-        if self.binding_rate is not None and self.concentration_noise > 0:
-            raise ValueError(
-                "concentration_noise must be 0 where bindings are counted (binding_rate), got "
-                f"{self.concentration_noise:g}"
-            )
+        check_rule(
+            not self.is_shared or len(set(self.clock.intervals)) == 1,
+            "interval_rule must be 'common' where cells share a medium, interact, race or sense others, so "
+            "that all decide at the same moments",
+            f"{self.interval_rule!r} with {self.clock.intervals}",
+        )
+        races, noise, delay = self.first_arrivals is not None, self.concentration_noise, self.block_delay
+        rule = "first_arrivals must go with a field that has an egg"
+        check_rule(not races or self.egg is not None, rule, repr(self.field))
+        check_rule(races or delay == 0, "block_delay must go with first_arrivals", f"{delay:g} without")
+        rule = "concentration_noise must be 0 where bindings are counted (binding_rate)"
+        check_rule(self.binding_rate is None or noise == 0, rule, f"{noise:g}")
         for each in self.interactions:
-            if getattr(each, "core", None) == 0:
-                raise ValueError(f"core must be above 0 in a world, whose cells may touch, got {each!r}")
+            rule = "core must be above 0 in a world, whose cells may touch"
+            check_rule(getattr(each, "core", None) != 0, rule, repr(each))
         _ = self.swimmer.company  # raises where they vary too fast
         if self.medium is not None:
             self.medium.check(
@@ -167,8 +164,12 @@ class Parameters(Actions, Checked):
     @classmethod
     def in_space(cls, **changes: Any) -> Self:
         """The default world in three dimensions, whose two helices turn opposite ways along the gradient, see
-        `docs/space.md`."""
-        return cls(**{"curvatures": (5.5, 7.5), "torsions": (7.7, 5.7), "speed": 2.0, **changes})
+        `docs/space.md`. Raises ValueError without torsions, which make the plane."""
+        given = {"curvatures": (5.5, 7.5), "torsions": (7.7, 5.7), "speed": 2.0, **changes}
+        check_rule(
+            given["torsions"] is not None, "torsions must be a number for each of curvatures in space", None
+        )
+        return cls(**given)
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
@@ -304,7 +305,6 @@ class Parameters(Actions, Checked):
     def observation_bounds(self) -> np.ndarray:
         """Bounds b (observation_size,) float32 with −b <= observation <= b."""
         bounds: Sequence[float] = self.sensor.bounds(self)
-        if len(bounds) != self.features:
-            rule = f"sensor.bounds must be a number for each of {', '.join(self.sensor.names)}"
-            raise ValueError(f"{rule}, got {bounds}")
+        rule = f"sensor.bounds must be a number for each of {', '.join(self.sensor.names)}"
+        check_rule(len(bounds) == self.features, rule, bounds)
         return np.tile(np.array(bounds, np.float32), self.n_records)

@@ -5,15 +5,26 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
-from swarm._support.checks import check_box, check_function, check_methods, check_number, check_point
+from swarm._support.checks import (
+    check_box,
+    check_function,
+    check_methods,
+    check_number,
+    check_point,
+    check_rule,
+)
 from swarm._support.registry import TYPE, Registry
 from swarm.physics.crowd.interactions import INTERACTIONS
-from swarm.physics.fields import FIELDS, Field
+from swarm.physics.fields import FIELDS, Field, FunctionField
+from swarm.physics.fields.field import warn_of_scale
 from swarm.physics.flows import FLOWS, Flow
+from swarm.physics.motion.clock import frozen
 from swarm.physics.perception import SENSORS
 from swarm.physics.rewards import REWARDS
 
@@ -75,37 +86,35 @@ NOT_IN_SPACE = {
 }
 
 
-def check_torsions(name: str, values: Any) -> tuple[float, ...]:
+def check_numbers(name: str, values: Any, *, rule: str) -> tuple[float, ...]:
     try:
         return tuple(check_number(name, value) for value in values)
     except TypeError:
-        raise TypeError(f"{name} must be a number for each of curvatures, got {values!r}") from None
+        raise TypeError(f"{name} must be {rule}, got {values!r}") from None
 
 
 def check_dimensions(world: Any) -> None:
     """Raises ValueError where parameters of a world do not go with the plane, or space, that it is."""
     space = world.torsions is not None
-    if space and len(world.torsions) != world.n_actions:
-        rule = f"torsions must be a number for each of the {world.n_actions} curvatures"
-        raise ValueError(f"{rule}, got {world.torsions}")
+    rule = f"torsions must be a number for each of the {world.n_actions} curvatures"
+    check_rule(not space or len(world.torsions) == world.n_actions, rule, world.torsions)
     for name, value in NOT_IN_SPACE.items() if space else ():
-        if (found := getattr(world, name)) != value:
-            raise ValueError(f"{name} must be {value!r} in space (with torsions), got {found!r}")
-    where = "in space (with torsions)" if space else "in the plane (without torsions)"
+        found = getattr(world, name)
+        check_rule(found == value, f"{name} must be {value!r} in space (with torsions)", repr(found))
+    axes, where = world.dimensions, "in space (with torsions)" if space else "in the plane (without torsions)"
     for name in ("sensor", "field", "flow"):
         part = getattr(world, name)
-        if getattr(part, "coordinates", None) not in (None, world.dimensions):
-            raise ValueError(f"{name} must be one {where}, got {part!r}")
+        fits = getattr(part, "coordinates", None) in (None, axes)
+        check_rule(fits, f"{name} must be one {where}", repr(part))
         box = getattr(part, "box", None)
-        if box is not None and len(box) != world.dimensions:
-            raise ValueError(f"{name}.box must have {world.dimensions} sides {where}, got {box}")
-    turning = "vorticity" if space else "spin"
-    if not callable(getattr(world.flow, turning, None)):
-        raise ValueError(f"flow must have {turning}(position) {where}, got {world.flow!r}")
-    if world.start_box is not None and len(world.start_box) != world.dimensions:
-        raise ValueError(f"start_box must have {world.dimensions} sides {where}, got {world.start_box}")
-    if world.egg is not None and len(world.egg[0]) != world.dimensions:
-        raise ValueError(f"egg_position must be {world.dimensions} numbers {where}, got {world.egg[0]}")
+        check_rule(box is None or len(box) == axes, f"{name}.box must have {axes} sides {where}", box)
+    turning, start_box = "vorticity" if space else "spin", world.start_box
+    turns = callable(getattr(world.flow, turning, None))
+    check_rule(turns, f"flow must have {turning}(position) {where}", repr(world.flow))
+    fits = start_box is None or len(start_box) == axes
+    check_rule(fits, f"start_box must have {axes} sides {where}", start_box)
+    egg = None if world.egg is None else world.egg[0]
+    check_rule(egg is None or len(egg) == axes, f"egg_position must be {axes} numbers {where}", egg)
     if space:
         _check_probe(world.flow, [low for low, _ in world.box])
 
@@ -117,38 +126,32 @@ def _check_probe(flow: Flow, place: list[float]) -> None:
             found = np.shape(flow.velocity(np.array([place])))
     except Exception:  # a function may want other arrays than NumPy's
         return
-    if found != (1, 3):
-        raise ValueError(f"flow.velocity must be (..., 3) of positions (..., 3) in space, got {found}")
+    check_rule(found == (1, 3), "flow.velocity must be (..., 3) of positions (..., 3) in space", found)
 
 
 def check_curvatures(name: str, values: Any) -> tuple[float, ...]:
-    try:
-        curvatures = tuple(check_number(name, value) for value in values)
-    except TypeError:
-        raise TypeError(f"{name} must be two or more numbers, got {values!r}") from None
-    if len(curvatures) < 2:
-        raise ValueError(f"{name} must be two or more numbers, got {values!r}")
+    curvatures = check_numbers(name, values, rule="two or more numbers")
+    check_rule(len(curvatures) >= 2, f"{name} must be two or more numbers", repr(values))
     steps = np.diff(curvatures)
-    if curvatures[0] <= 0 or np.any(steps <= 1e-9 * curvatures[-1]):
-        raise ValueError(f"{name} must rise and be positive, got {curvatures}")
-    if np.ptp(steps) > 1e-9 * steps[0]:
-        raise ValueError(f"{name} must be evenly spaced, got {curvatures}")
+    rises = curvatures[0] > 0 and bool(np.all(steps > 1e-9 * curvatures[-1]))
+    check_rule(rises, f"{name} must rise and be positive", curvatures)
+    check_rule(np.ptp(steps) <= 1e-9 * steps[0], f"{name} must be evenly spaced", curvatures)
     return curvatures
 
 
 def check_units(name: str, value: Any) -> tuple[str, str]:
     """Return `value` as names of two units; raises ValueError where it is none."""
     units = () if isinstance(value, str) or not isinstance(value, Sequence) else tuple(value)
-    if len(units) != 2 or not all(isinstance(unit, str) and unit.isprintable() and unit for unit in units):
-        raise ValueError(f"{name} must be the units of length and time, as ('µm', 's'), got {value!r}")
+    known = len(units) == 2 and all(isinstance(unit, str) and unit.isprintable() and unit for unit in units)
+    check_rule(known, f"{name} must be the units of length and time, as ('µm', 's')", repr(value))
     return units[0], units[1]
 
 
 def check_length_units(units: tuple[str, str] | None, *parts: Any) -> None:
     """Raises ValueError unless the world and the data of its parts have positions in one unit."""
     found: set[Any] = {getattr(part, "length_unit", None) for part in parts} | {units and units[0]}
-    if len(found := found - {None}) > 1:
-        raise ValueError(f"field and flow must have positions in the same unit, got {sorted(found)}")
+    found -= {None}
+    check_rule(len(found) <= 1, "field and flow must have positions in the same unit", sorted(found))
 
 
 def in_units(unit: str, units: Sequence[str] | None) -> str:
@@ -175,8 +178,57 @@ def check_times(life: float, **parts: Any) -> None:
     """Raises ValueError where a part has data for a part of the life only."""
     for name, part in parts.items():
         times = getattr(part, "times", None)
-        if times is not None and not times[0] <= 0.0 <= life <= times[1]:
-            raise ValueError(
-                f"{name} must have data for all times from 0 to the life {life:g}, "
-                f"or outside_time='held', got {times[0]:g} to {times[1]:g}"
-            )
+        if times is not None:
+            rule = f"{name} must have data for all times from 0 to the life {life:g}, or outside_time='held'"
+            check_rule(times[0] <= 0.0 <= life <= times[1], rule, f"{times[0]:g} to {times[1]:g}")
+
+
+# --- the scale of a field that users bring, beside the gradients that cells meet ----------------------------
+
+POINTS = 12  # along each side of the start box
+STEP = 0.01  # of differences, in mean radii of the paths
+NEGLIGIBLE = 1e-9  # rise over a step, of the concentration
+
+_seen: WeakValueDictionary[tuple[Any, ...], Any] = WeakValueDictionary()
+
+
+def check_scale(world: Any) -> None:
+    """Warns, once for a field, where its `gradient_scale` is off by more than twice from the gradients where
+    lives start. Looked at are functions and classes of users; grids look at themselves.
+    """
+    field, box = world.field, world.box
+    if type(field).__module__.startswith("swarm.") and not isinstance(field, FunctionField):
+        return
+    key = id(field), field.gradient_scale, box
+    if _seen.get(key) is field:
+        return
+    with suppress(TypeError):  # of a field that nothing can refer to weakly
+        _seen[key] = field
+    if (typical := typical_gradient(world)) is not None:
+        warn_of_scale(field.gradient_scale, typical, "sampled where lives start")
+
+
+def typical_gradient(world: Any) -> float | None:
+    """The root mean square of |∇c| in the start box [concentration / length], at the beginning, the middle
+    and the end of a life; None where there is none, or the field cannot be asked.
+    """
+    step = STEP / world.mean_curvature
+    sides = [np.linspace(low, high, POINTS) for low, high in world.box]
+    axes = np.eye(len(sides))
+    stencil = step * np.stack([axes, -axes], axis=1).reshape(-1, len(sides))
+    places = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 1, len(sides)) + stencil
+    field = world.field
+    times = np.linspace(0.0, world.life, 3) if hasattr(field, "at") else [0.0]
+    try:
+        with np.errstate(all="ignore"):
+            if getattr(field, "inside", None) is not None:
+                places = places[np.asarray(field.inside(places), bool).all(axis=-1)]
+            found = np.stack([np.asarray(frozen(field, time).concentration(places)) for time in times])
+        slopes = (found[..., ::2] - found[..., 1::2]) / (2 * step)
+        known = np.isfinite(slopes).all(axis=-1)
+    except Exception:  # a function may want other arrays than NumPy's
+        return None
+    if not known.any():
+        return None
+    typical = float(np.sqrt(np.sum(slopes[known] ** 2, axis=-1).mean()))
+    return typical if typical * step > NEGLIGIBLE * np.abs(found[known]).max() else None

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Self
 
 from swarm._support.arrays import Array, namespace
-from swarm._support.checks import check_cells
+from swarm._support.checks import check_cells, check_rule
 from swarm.physics.crowd.medium import MediumState
 from swarm.physics.motion.arc import Pose
 from swarm.physics.world.parameters import Parameters
@@ -37,20 +37,28 @@ class State(NamedTuple):
 
     def each(self, function: Callable[..., Any], *others: State) -> Self:
         """The state of what `function` makes of each array, together with those of others."""
-        return _each(function, self, *others)
+
+        def made(first: Any, *rest: Any) -> Any:
+            if isinstance(first, tuple):
+                return type(first)(*map(made, first, *rest))
+            return None if first is None else function(first, *rest)
+
+        state: Self = made(self, *others)
+        return state
 
     def named(self, name: str) -> dict[str, Any]:
         """All arrays by name, "name.field" and "name.field.field"."""
-        return _named(self, name)
+        parts = {f"{name}.{field}": part for field, part in self._asdict().items() if part is not None}
+        if medium := parts.pop(f"{name}.medium", None):
+            parts |= {f"{name}.medium.{field}": part for field, part in medium._asdict().items()}
+        return parts
 
     @classmethod
     def of_named(cls, arrays: Mapping[str, Any], name: str) -> Self:
         """The state whose arrays `named` gave."""
         parts = {field: arrays.get(f"{name}.{field}") for field in cls._fields}
         if f"{name}.medium.grid" in arrays:
-            parts["medium"] = MediumState(
-                *(arrays[f"{name}.medium.{field}"] for field in MediumState._fields)
-            )
+            parts["medium"] = MediumState(*(arrays[f"{name}.medium.{f}"] for f in MediumState._fields))
         return cls(**parts)
 
 
@@ -69,50 +77,34 @@ class Outcome(NamedTuple):
     gain: Array  # (..., cells) c(t) − c(0) [concentration]
 
 
-def _named(part: Any, name: str) -> dict[str, Any]:
-    if part is None:
-        return {}
-    if not isinstance(part, (State, MediumState)):
-        return {name: part}
-    return {
-        key: array
-        for field, each in zip(part._fields, part, strict=True)
-        for key, array in _named(each, f"{name}.{field}").items()
-    }
-
-
-def _each(function: Callable[..., Any], first: Any, *others: Any) -> Any:
-    if first is None:
-        return None
-    if isinstance(first, tuple):
-        return type(first)(*(_each(function, *parts) for parts in zip(first, *others, strict=True)))
-    return function(first, *others)
-
-
-def check_start(world: Parameters, position: Array, heading: Array, past: Array, factors: Array) -> None:
+def check_start(
+    world: Parameters, position: Array, heading: Array, past: Array, factors: Array, noise: Array, medium: Any
+) -> None:
     """Raises ValueError on what no life can begin with, see `World.start`."""
-    xp = namespace(position)
-    cells = tuple(position.shape[:-1])
-    wanted = world.dimensions
-    if not cells or position.shape[-1] != wanted or not xp.isdtype(position.dtype, "real floating"):
-        rule = f"position must be floating numbers (..., cells, {wanted})"
-        raise ValueError(f"{rule}, got {position.dtype} {tuple(position.shape)}")
-    frames = cells if wanted == 2 else (*cells, 4)
-    if tuple(heading.shape) != frames:
-        raise ValueError(f"heading must be {frames} like the cells of position, got {tuple(heading.shape)}")
-    if tuple(past.shape) != (*cells, world.n_records) or not xp.isdtype(past.dtype, "integral"):
-        raise ValueError(
-            f"past must be whole numbers {(*cells, world.n_records)}, got {past.dtype} {tuple(past.shape)}"
-        )
-    if factors is not None and (world.spread is None or factors.shape != position.shape):
-        rule = f"factors must be {tuple(position.shape)}, and go with a world that has a spread"
-        raise ValueError(f"{rule}, got {tuple(factors.shape)} and spread={world.spread}")
-    if world.first_arrivals is not None and cells[-1] < world.first_arrivals:
-        raise ValueError(
-            f"first_arrivals must be at most the number of cells, {cells[-1]}, got {world.first_arrivals}"
-        )
+    xp, axes = namespace(position), world.dimensions
+    shape, cells = tuple(position.shape), tuple(position.shape[:-1])
+    floats = xp.isdtype(position.dtype, "real floating")
+    rule = f"position must be floating numbers (..., cells, {axes})"
+    check_rule(bool(cells) and shape[-1] == axes and floats, rule, f"{position.dtype} {shape}")
+    frames, turned = cells if axes == 2 else (*cells, 4), tuple(heading.shape)
+    check_rule(turned == frames, f"heading must be {frames} like the cells of position", turned)
+    records, swum = (*cells, world.n_records), tuple(past.shape)
+    whole = xp.isdtype(past.dtype, "integral")
+    check_rule(whole and swum == records, f"past must be whole numbers {records}", f"{past.dtype} {swum}")
+    if factors is not None:
+        rule, made = f"factors must be {shape}, and go with a world that has a spread", tuple(factors.shape)
+        check_rule(world.spread is not None and made == shape, rule, f"{made} and spread={world.spread}")
+        check_cells("factors", "be positive", factors, xp.all((factors > 0) & xp.isfinite(factors), axis=-1))
+    if noise is not None:
+        drawn = tuple(noise.shape)
+        check_rule(drawn == records, f"noise must be standard normal numbers {records}", drawn)
+    rule = "medium must be a MediumState, and go with a world that has a medium"
+    fits = medium is None or (world.medium is not None and isinstance(medium, MediumState))
+    check_rule(fits, rule, f"{type(medium).__name__} and medium={world.medium}")
+    rule = f"first_arrivals must be at most the number of cells, {cells[-1]}"
+    check_rule(world.first_arrivals is None or cells[-1] >= world.first_arrivals, rule, world.first_arrivals)
     check_cells("position", "be finite", position, xp.all(xp.isfinite(position), axis=-1))
-    if wanted == 2:
+    if axes == 2:
         check_cells("heading", "be finite", heading, xp.isfinite(heading))
     else:
         off = xp.abs(xp.sum(heading * heading, axis=-1) - 1)
@@ -127,8 +119,6 @@ def check_start(world: Parameters, position: Array, heading: Array, past: Array,
 def check_noise(world: Parameters, state: State, noise: Array | None) -> None:
     """Raises ValueError unless there is a number for every cell and channel."""
     needed = (*state.finished.shape, NOISE_CHANNELS + (world.binding_rate is not None))
-    if noise is None or tuple(noise.shape) != needed:
-        raise ValueError(
-            f"noise must be standard normal numbers {needed}, because the world has perturbations, "
-            f"got {None if noise is None else tuple(noise.shape)}"
-        )
+    found = None if noise is None else tuple(noise.shape)
+    rule = f"noise must be standard normal numbers {needed}, because the world has perturbations"
+    check_rule(found == needed, rule, found)

@@ -16,15 +16,14 @@ from typing import Any
 import numpy as np
 
 from swarm._support.arrays import as_array, look_up, namespace, nowhere
-from swarm._support.checks import check_cells
+from swarm._support.checks import check_cells, check_rule
 from swarm.physics import perception
 from swarm.physics.crowd.binding import counted
-from swarm.physics.motion.arc import Pose, arrival, arrival_on, components, turned, unit
+from swarm.physics.motion.arc import Pose, components, turned, unit
 from swarm.physics.motion.clock import frozen
 from swarm.physics.motion.domain import kept
 from swarm.physics.motion.swimmer import Interval, Way
 from swarm.physics.perception import Situation
-from swarm.physics.world.bearing import Bearing
 from swarm.physics.world.parameters import Parameters
 from swarm.physics.world.state import NOISE_CHANNELS, Outcome, State, check_noise, check_start, pose_of
 
@@ -34,7 +33,7 @@ GAUSS = {0.5 - 0.15**0.5: 5 / 18, 0.5: 4 / 9, 0.5 + 0.15**0.5: 5 / 18}  # parts 
 
 
 @dataclass(frozen=True)
-class World(Parameters, Bearing):
+class World(Parameters):
     """A world of cells: its [parameters][swarm.physics.world.parameters.Parameters], where lives start, and
     what a decision does.
     """
@@ -62,47 +61,41 @@ class World(Parameters, Bearing):
         whose past holds unknown actions; the cell is named.
         """
         xp = namespace(position)
-        check_start(self, position, heading, past, factors)
+        check_start(self, position, heading, past, factors, noise, medium)
         pose = self.swimmer.pose(position, heading)
         position = pose.position
-        concentration = frozen(self.field, 0.0).concentration(position)
+        concentration = self._concentration(position, 0.0, None)
         check_cells("position", "have a finite concentration", position, xp.isfinite(concentration))
         finished = as_array(np.zeros(position.shape[:-1]), position, dtype=xp.bool)
         count = self.clock.start(finished)  # of the past too, which is swum as at t = 0
         if self.spread is not None and factors is None:
             factors = xp.ones_like(position)
-        records = self._past(pose, concentration, past, (finished, count, factors), noise, medium)
-        if len(records[0]) != self.features:
-            names = ", ".join(self.sensor.names)
-            raise ValueError(f"sensor must record a number for each of {names}, got {len(records[0])}")
-        state = State(*pose, perception.memory_of(records), count, concentration, finished, factors)
-        if self.race is not None:
-            state = state._replace(arrival_time=xp.full_like(concentration, math.inf))
+        records = self._past(pose, past, (finished, count, factors), noise, medium)
+        rule = f"sensor must record a number for each of {', '.join(self.sensor.names)}"
+        check_rule(len(records[0]) == self.features, rule, len(records[0]))
+        arrival_time = None if self.race is None else xp.full_like(concentration, math.inf)
         if self.medium is not None:
             medium = self.medium.start(self.field, position) if medium is None else medium
-            state = state._replace(medium=medium)
-            state = state._replace(start_concentration=self.concentration(state))
-        return state
+            concentration = self._concentration(position, self._moment(count, position), medium)
+        first = perception.memory_of(records), count, concentration, finished
+        return State(*pose, *first, factors, arrival_time, medium)
 
     def _past(
-        self, pose: Pose, concentration: Array, past: Array, cells: Sequence[Array], noise: Array, medium: Any
+        self, pose: Pose, past: Array, cells: Sequence[Array], noise: Array, medium: Any
     ) -> list[Sequence[Array]]:
-        """The records of a past, newest first, that was swum to a pose where the field's concentration is
-        known, in a medium as it is at first or as given; `cells` are what `_record` asks of them.
+        """The records of a past, newest first, that was swum to a pose, in a medium as it is at first or as
+        given; `cells` are what `_record` asks of them.
         """
-        field = frozen(self.field, 0.0)
         tables = self.curvatures, self.action_speeds, self.intervals
         by_action = [as_array(np.asarray(values), pose.position) for values in tables]
         records: list[Sequence[Array]] = []
         for i in range(self.n_records):
             action = past[..., i]
             curvature, speed, interval = (look_up(values, action) for values in by_action)
-            sensed = concentration if i == 0 else field.concentration(pose.position)
-            if medium is not None and self.medium is not None:
-                sensed = self.medium.sense(medium, pose.position, sensed)
+            sensed = self._concentration(pose.position, 0.0, medium)
             if self.concentration_noise > 0 and noise is not None:
                 sensed = sensed + self.concentration_noise * noise[..., i]
-            records.append(self._record(pose, sensed, self.normal_curvature(curvature), *cells, alone=i > 0))
+            records.append(self._record(pose, sensed, self.normal_curvature(curvature), cells, alone=i > 0))
             if i < self.n_records - 1:
                 if (factors := cells[-1]) is not None:
                     speed, curvature = speed * factors[..., 0], curvature * factors[..., 1]
@@ -127,20 +120,21 @@ class World(Parameters, Bearing):
             xp = namespace(noise)
             turn = noise[..., 2] * (2 * self.rotational_diffusion * interval.length) ** 0.5
             pose = Pose(pose.position, unit(*turned(components(pose.heading), xp.cos(turn), xp.sin(turn))))
-        swum, (pose, left) = pose, kept(self.domains, pose, pose_of(state))
-        concentration = sensed = self._concentration(pose.position, interval.count, medium)
+        swum, (pose, left) = Way(pose, path, interval), kept(self.domains, pose, pose_of(state))
+        now = self._moment(interval.count, pose.position)
+        concentration = sensed = self._concentration(pose.position, now, medium)
         if self.concentration_noise > 0:
             sensed = concentration + self.concentration_noise * noise[..., 0]
         if self.binding_rate is not None:
             mean = self._mean_concentration(state, interval, pose, medium)
             sensed = counted(noise[..., NOISE_CHANNELS], mean, self.binding_rate * interval.length)
-        newest = self._record(pose, sensed, interval.curvature, state.finished, interval.count, state.factors)
+        cells = state.finished, interval.count, state.factors
+        newest = self._record(pose, sensed, interval.curvature, cells)
         memory, observation = perception.renew(state.memory, newest)
-        arrival_time = self._arrival_time(state, interval, swum, path)
-        terminated, truncated, finished = self._ends(state, interval, swum, path, left, medium, arrival_time)
+        arrival_time = None if self.race is None else self._arrival_time(state, swum)
+        terminated, truncated, finished = self._ends(state, swum, left, medium, arrival_time)
         first = state.start_concentration
-        shared = state.factors, arrival_time, medium
-        after = State(*pose, memory, interval.count, first, finished, *shared)
+        after = State(*pose, memory, interval.count, first, finished, state.factors, arrival_time, medium)
         ends = terminated, truncated, concentration - first
         reward = self.reward.reward(self, state, after, Outcome(observation, None, *ends))
         return after, Outcome(observation, reward, *ends)
@@ -163,12 +157,31 @@ class World(Parameters, Bearing):
 
     def concentration(self, state: State) -> Array:
         """Concentration (..., cells) where the cells are, at their time [concentration]."""
-        return self._concentration(state.position, state.clock, state.medium)
+        return self._concentration(state.position, self._moment(state.clock, state.position), state.medium)
 
-    def _concentration(self, position: Array, count: Array, medium: Any) -> Array:
-        field = self.field if self.is_steady else frozen(self.field, self.clock.time(count, position))
-        found = field.concentration(position)
-        return found if self.medium is None else self.medium.sense(medium, position, found)
+    def heading_angle(self, state: State) -> Array:
+        """Heading θ (..., cells) in (−π, π], in the plane [rad]."""
+        rule = "heading_angle must be asked for in the plane, in space ask for orientation"
+        check_rule(self.dimensions == 2, rule, f"{self.dimensions} dimensions")
+        return self.swimmer.orientation(state.heading)
+
+    def orientation(self, state: State) -> Array:
+        """What `World.start` takes as the heading: in the plane the angle (..., cells) in (−π, π] [rad], in
+        space the frame (..., cells, 4).
+        """
+        return self.swimmer.orientation(state.heading)
+
+    def direction(self, state: State) -> Array:
+        """Unit vector (..., cells, dimensions) in which cells swim."""
+        return self.swimmer.direction(state.heading)
+
+    def centre(self, state: State) -> Array:
+        """What cells turn about (..., cells, dimensions) with the curvature of the interval that ended now:
+        in the plane the centre of curvature, in space the nearest point of the helix's axis; NaN where they
+        swim straight on [length].
+        """
+        arcs = self.swimmer.arc_of(self.last_action(state), self.curvature(state))
+        return self.swimmer.centre(pose_of(state), arcs)
 
     def won(self, state: State) -> Array:
         """Who has arrived in time (..., cells) bool; nobody in a world without `first_arrivals`."""
@@ -176,13 +189,24 @@ class World(Parameters, Bearing):
 
     # --- what happens within a decision ---------------------------------------------------------------------
 
+    def _moment(self, count: Array, position: Array) -> Array | None:
+        """Time lived (..., cells), None where nothing changes with it [time]."""
+        return None if self.is_steady else self.clock.time(count, position)
+
+    def _concentration(self, position: Array, time: Any, medium: Any) -> Array:
+        field = self.field if time is None else frozen(self.field, time)
+        found = field.concentration(position)
+        if medium is None or self.medium is None:
+            return found
+        return self.medium.sense(medium, position, found)
+
     def way(self, state: State, action: Array, noise: Array) -> Way:
         """The way of an action."""
         interval, kick = self.interval(state, action, noise)
         if self._needs_arcs:
             arcs = self.swimmer.arcs(action, kick, state.position, state.factors)
             interval = interval._replace(swum=arcs)
-        began = None if self.is_steady else self.time(state)
+        began = self._moment(state.clock, state.position)
         company = self.swimmer.company
         if company is None:
             return Way(*self.swimmer.swim(pose_of(state), interval, began), interval)
@@ -212,32 +236,22 @@ class World(Parameters, Bearing):
 
     def _mean_concentration(self, state: State, interval: Interval, pose: Pose, medium: Any) -> Array:
         """The mean (..., cells) on the way, by three Gauss points [concentration]."""
-        start = None if self.is_steady else self.time(state)
-        mean = 0.0
+        start, mean = self._moment(state.clock, state.position), 0.0
         places = self.swimmer.places(pose_of(state), interval, pose, tuple(GAUSS))
         for i, (part, weight) in enumerate(GAUSS.items()):
-            field = self.field if start is None else frozen(self.field, start + part * interval.length)
+            time = None if start is None else start + part * interval.length
             place, _ = kept(self.domains, Pose(places[i, ...], pose.heading), pose_of(state))
-            found = field.concentration(place.position)
-            if self.medium is not None:
-                found = self.medium.sense(medium, place.position, found)
-            mean = mean + weight * found
+            mean = mean + weight * self._concentration(place.position, time, medium)
         return mean
 
-    def _arrival_time(self, state: State, interval: Interval, pose: Pose, path: Array | None) -> Array:
-        """When cells (..., cells) came to the egg [time], found on the way; None where nobody races."""
-        if self.race is None or self.egg is None:
-            return None
-        centre, radius = self.egg
-        if path is None:
-            length = interval.speed * interval.length
-            part = arrival(pose_of(state), interval.swum, length, centre, radius)
-        else:
-            part = arrival_on(path, state.position, pose.position, centre, radius)
+    def _arrival_time(self, state: State, way: Way) -> Array:
+        """When cells (..., cells) came to the egg [time], found on the way; infinite for who did not."""
+        assert self.egg is not None
+        part = self.swimmer.arrival(pose_of(state), way, self.egg)
         xp = namespace(part)
         there = xp.isfinite(part) & ~state.finished
         safe = xp.where(there, part, xp.zeros_like(part))
-        came = self.clock.time(state.clock, pose.position) + safe * interval.length
+        came = self.time(state) + safe * way.interval.length
         return xp.where(there, came, state.arrival_time)
 
     def observation(self, state: State) -> Array:
@@ -261,17 +275,10 @@ class World(Parameters, Bearing):
         return self.medium is not None and self.medium.leaving == "follow"
 
     def _record(
-        self,
-        pose: Pose,
-        concentration: Array,
-        curvature: Array,
-        finished: Array,
-        count: Array,
-        factors: Array,
-        *,
-        alone: bool = False,
+        self, pose: Pose, concentration: Array, curvature: Array, cells: Sequence[Array], alone: bool = False
     ) -> Sequence[Array]:
-        """What the sensor records."""
+        """What the sensor records; of `cells` it is known who has finished, their count and factors."""
+        finished, count, factors = cells
         time = self.clock.time(count, pose.position) if self._needs_time else None
         situation = Situation(*pose, concentration, curvature, finished, factors, alone)
         return self.sensor.record(self, time, situation)
@@ -281,29 +288,22 @@ class World(Parameters, Bearing):
         return bool(getattr(self.sensor, "needs_time", False)) or not self.is_steady
 
     def _ends(
-        self,
-        state: State,
-        interval: Interval,
-        pose: Pose,
-        path: Array | None,
-        left: Array | None,
-        medium: Any,
-        arrival_time: Array,
+        self, state: State, way: Way, left: Array | None, medium: Any, arrival_time: Array
     ) -> tuple[Array, Array, Array]:
         """Which cells have arrived, which are out of time or of the domain, and whose lives are over."""
-        truncated = finished = self.clock.is_up(interval.count, alone=not self._ends_early)
+        count = way.interval.count
+        truncated = finished = self.clock.is_up(count, alone=not self._ends_early)
         terminated = nowhere(finished)
         if left is not None:
             truncated = truncated | left
         if self.medium is not None and self._follows:
-            truncated = truncated | ~self.medium.inside(pose.position, medium.origin)
-        if self.race is not None:
-            now = self.clock.time(interval.count, arrival_time)
-            terminated = self.race.ends(arrival_time, now) & ~state.finished
-            truncated = truncated & ~terminated
-        elif self.egg is not None:
-            terminated = self.swimmer.comes_within(pose_of(state), interval, pose, path, self.egg)
-            terminated = terminated & ~state.finished
+            truncated = truncated | ~self.medium.inside(way.pose.position, medium.origin)
+        if self.egg is not None:
+            if self.race is None:
+                ended = self.swimmer.comes_within(pose_of(state), way, self.egg)
+            else:
+                ended = self.race.ends(arrival_time, self.clock.time(count, arrival_time))
+            terminated = ended & ~state.finished
             truncated = truncated & ~terminated
         if self._ends_early:
             finished = truncated | terminated | state.finished
