@@ -79,8 +79,8 @@ class Watched:
             raise RuntimeError("reset must be called first")
 
     def state(self) -> np.ndarray:
-        """Every cell (cells, 4), also those that have finished: x, y [length], heading in [−π, π] [rad] and
-        its last curvature [1 / length]; in space (cells, 7) x, y, z and the unit quaternion w, x, y, z.
+        """Every cell (cells, 4), also those that have finished: x, y [length], heading [rad] from −π to π
+        and its last curvature [1 / length]; in space (cells, 7) x, y, z and the unit quaternion w, x, y, z.
         Raises RuntimeError before the first reset.
         """
         self._check_begun()

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 import trainers.algorithms  # noqa: F401, first of all that training needs
 from swarm._support import files, provenance
@@ -72,6 +71,8 @@ def memory_needed(settings: Settings) -> int:
 
 
 def _check_device(device: str) -> None:
+    import torch  # after what says that it is missing
+
     kind, number = re.fullmatch(r"(\w+?)(?::(\d+))?", device).groups()  # type: ignore[union-attr]
     backend = torch.backends.mps if kind == "mps" else getattr(torch, kind)
     count = 1 if kind == "mps" else backend.device_count()
