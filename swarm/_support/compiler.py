@@ -109,9 +109,9 @@ NUMBA = importlib.util.find_spec("numba") is not None
 _OUTSIDE: list[Callable[..., Array]] = []  # functions that are called from compiled code as they are
 
 
-def loops(function: F) -> F:
+def loops(function: F, **options: Any) -> F:
     """`function`, which numba compiles when it is first called, and keeps for later processes; as it is where
-    numba is not installed.
+    numba is not installed. Options are numba's.
 
     It sees NumPy arrays and numbers alone, and calls nothing but such functions and NumPy's. A module with
     such functions is imported when they are needed: numba takes half a second.
@@ -120,7 +120,12 @@ def loops(function: F) -> F:
         return function
     import numba
 
-    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function))
+
+
+def inlined(function: F) -> F:
+    """As `loops`, but written out where it is called, for what is called often and does little."""
+    return loops(function, inline="always")
 
 
 def loops_on(array: Array) -> bool:

@@ -195,6 +195,22 @@ def test_lists_of_neighbours_find_what_all_pairs_find():
     assert found == expected
 
 
+@pytest.mark.parametrize(
+    ("cells", "box", "reach"), [(1, 1, 1), (40, 3, 0.7), (40, 1, 5), (90, 10, 0.9), (90, 0, 1), (200, 1e4, 9)]
+)
+def test_contact_finds_all_pairs_that_are_near(cells, box, reach):
+    from swarm.physics.motion.pushes import pairs_of_few, pairs_of_many
+
+    rng = np.random.default_rng(cells)
+    x, y = rng.uniform(0, box, (2, cells))
+    x[::2] += 1e6 * (box > 100)
+    alive = rng.random(cells) < 0.8
+    near = (np.hypot(x[:, None] - x, y[:, None] - y) <= reach) & alive[:, None] & alive
+    for pairs in (pairs_of_few, pairs_of_many):
+        found = sorted(map(sorted, pairs(alive, x, y, float(reach)).tolist()))
+        assert found == np.argwhere(np.triu(near, 1)).tolist()
+
+
 def test_who_has_finished_neither_acts_nor_moves():
     world, starts = crowd(12, interactions=["contact", "dipole"], start_box=DENSE)
     state = world.start(*starts)

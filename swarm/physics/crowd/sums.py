@@ -33,34 +33,35 @@ def sums(in_film, alive, x, y, ahead, aside, strength, core):
     """See `Sums`."""
     found = np.zeros((3, *x.shape), x.dtype)
     for row in range(len(x)):
-        places, moved = (x[row], y[row]), (found[0, row], found[1, row], found[2, row])
-        for maker in range(x.shape[1]):
-            if alive[row % len(alive), maker]:
-                dipole = x[row, maker], y[row, maker], ahead[row, maker], aside[row, maker], strength, core
-                if in_film:
-                    add_film(places, dipole, moved)
-                else:
-                    add_bulk(places, dipole, moved)
+        acts, pose = alive[row % len(alive)], (x[row], y[row], ahead[row], aside[row])
+        if in_film:
+            add_films(acts, *pose, strength, core, found[0, row], found[1, row], found[2, row])
+        else:
+            add_bulks(acts, *pose, strength, core, found[0, row], found[1, row], found[2, row])
     return found
 
 
 @loops
-def add_film(places, dipole, moved):
-    """Adds to u, v and spin (cells,) what a dipole makes at places in a film."""
-    (x, y), (at, up, ahead, aside, strength, core), (u, v, spin) = places, dipole, moved
-    for cell in range(len(x)):
-        du, dv, turning = film(x[cell] - at, y[cell] - up, ahead, aside, strength, core)
-        u[cell] += du
-        v[cell] += dv
-        spin[cell] += turning
+def add_films(acts, x, y, ahead, aside, strength, core, u, v, spin):
+    """Adds to u, v and spin (cells,) what all dipoles make in a film."""
+    for maker in range(len(x)):
+        if acts[maker]:
+            at, up, along, across = x[maker], y[maker], ahead[maker], aside[maker]
+            for cell in range(len(x)):
+                du, dv, turning = film(x[cell] - at, y[cell] - up, along, across, strength, core)
+                u[cell] += du
+                v[cell] += dv
+                spin[cell] += turning
 
 
 @loops
-def add_bulk(places, dipole, moved):
-    """As `add_film`, in bulk fluid."""
-    (x, y), (at, up, ahead, aside, strength, core), (u, v, spin) = places, dipole, moved
-    for cell in range(len(x)):
-        du, dv, turning = bulk(x[cell] - at, y[cell] - up, ahead, aside, strength, core)
-        u[cell] += du
-        v[cell] += dv
-        spin[cell] += turning
+def add_bulks(acts, x, y, ahead, aside, strength, core, u, v, spin):
+    """As `add_films`, in bulk fluid."""
+    for maker in range(len(x)):
+        if acts[maker]:
+            at, up, along, across = x[maker], y[maker], ahead[maker], aside[maker]
+            for cell in range(len(x)):
+                du, dv, turning = bulk(x[cell] - at, y[cell] - up, along, across, strength, core)
+                u[cell] += du
+                v[cell] += dv
+                spin[cell] += turning

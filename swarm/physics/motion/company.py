@@ -33,7 +33,7 @@ TOLERANCE = 2e-6  # error allowed to the pose after one interval without contact
 CONVERGED = 1e-8  # change of the pose at which `swim` halves substeps no more [length, rad]
 MOST_SUBSTEPS = 4096
 SWUM = 1.5  # smallest diameters that a cell swims at most in a substep
-STEP = 0.3  # stiffness times the length of a Runge–Kutta step of contact
+STEP, ROUGH = 0.3, 0.8  # stiffness times the length of a Runge–Kutta step of contact
 MAX_STEPS = 4000  # Runge–Kutta steps of contact in an interval
 CROWDING = 2.0  # dipoles beside a cell, whose scales add up
 
@@ -133,7 +133,7 @@ class Company:
         """The numbers by which `call_outside` knows what contact does, roughly and as it should be."""
         from swarm.physics.motion.pushes import Pushes  # with what compiles loops
 
-        return tuple(outside(Pushes(self.contacts, self.scheme, step)) for step in (2 * STEP, STEP))
+        return tuple(outside(Pushes(self.contacts, self.scheme, step)) for step in (ROUGH, STEP))
 
     @cached_property
     def sums(self) -> tuple[int | None, ...]:

@@ -15,11 +15,12 @@ from functools import cached_property
 
 import numpy as np
 
-from swarm._support.compiler import loops
+from swarm._support.compiler import inlined, loops
 from swarm.physics.crowd.interactions import Contact
 from swarm.physics.motion.collocation import Collocation
 
 SLACK = 0.5  # of what a cell swims between places of its path: so much nearer do two come than straight lines
+FEW = 64  # cells of a world up to which all pairs are looked at
 TINY = 1e-30  # [length²], so that concentric cells do not push
 
 
@@ -92,24 +93,47 @@ def farthest(alive, speed, step, u, v):
 
 @loops
 def near_pairs(alive, x, y, reach):
-    """Pairs (pairs, 2) of living cells within reach: each is compared with all until none is near in x."""
-    order = np.argsort(x)
-    pairs = np.empty((2 * len(order) + 8, 2), np.int64)
-    count = 0
-    for at in range(len(order)):
-        first = order[at]
-        if not alive[first]:
-            continue
-        for after in range(at + 1, len(order)):
-            second = order[after]
+    """Pairs (pairs, 2) of living cells within reach."""
+    return pairs_of_few(alive, x, y, reach) if len(x) <= FEW else pairs_of_many(alive, x, y, reach)
+
+
+@loops
+def pairs_of_few(alive, x, y, reach):
+    """All pairs are looked at."""
+    pairs, count = np.empty((len(x) * (len(x) - 1) // 2, 2), np.int64), 0
+    squared = x.dtype.type(reach * reach)  # of single precision where places are
+    for first in range(len(x)):
+        for second in range(first + 1, len(x)):
             over, up = x[second] - x[first], y[second] - y[first]
-            if over > reach:
-                break
-            if alive[second] and over * over + up * up <= reach * reach:
-                if count == len(pairs):
-                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
+            if over * over + up * up <= squared and alive[first] and alive[second]:
                 pairs[count, 0], pairs[count, 1] = first, second
                 count += 1
+    return pairs[:count]
+
+
+@loops
+def pairs_of_many(alive, x, y, reach):
+    """Strips as wide as `reach` are laid one behind the other: who is near is near in the same or the next."""
+    length = np.max(x) - np.min(x) + 4 * reach
+    key = np.floor((y - np.min(y)) / reach) * length + (x - np.min(x))
+    wide = reach + 1e-15 * np.max(key)
+    order, upper = np.argsort(key), 0
+    pairs, count = np.empty((2 * len(order), 2), np.int64), 0
+    for at in range(len(order)):
+        first = order[at]
+        while upper < len(order) and key[order[upper]] < key[first] + length - wide:
+            upper += 1
+        for begin, strip in ((at + 1, 0.0), (upper, length)):
+            for after in range(begin, len(order)):
+                second = order[after]
+                if key[second] > key[first] + strip + wide:
+                    break
+                over, up = x[second] - x[first], y[second] - y[first]
+                if over * over + up * up <= reach * reach and alive[first] and alive[second]:
+                    if count == len(pairs):
+                        pairs = np.concatenate((pairs, np.empty_like(pairs)))
+                    pairs[count, 0], pairs[count, 1] = first, second
+                    count += 1
     return pairs[:count]
 
 
@@ -210,7 +234,7 @@ def through(pairs, track, off, weights, laws, targets, clear, found):
     return np.sqrt(most)
 
 
-@loops
+@inlined
 def advance(track, off, weights, half, places, number):
     """Moves tracks by half a step along their arcs; places[number] (2, cells) are off them."""
     for cell in range(track.shape[1]):
@@ -228,7 +252,7 @@ def advance(track, off, weights, half, places, number):
         places[number, 0, cell], places[number, 1, cell] = x, y
 
 
-@loops
+@inlined
 def any_within(distance, pairs, places, delta):
     """Whether a pair is so near before a step."""
     for pair in range(len(pairs)):
@@ -240,7 +264,7 @@ def any_within(distance, pairs, places, delta):
     return False
 
 
-@loops
+@inlined
 def force(pairs, places, delta, stage, track, laws, k):
     """Fills k[stage] (2, cells) with what contact moves in a step."""
     number, part = (stage + 1) // 2, (0.0, 0.5, 0.5, 1.0)[stage]
