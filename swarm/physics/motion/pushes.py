@@ -113,7 +113,7 @@ def pairs_of_few(alive, x, y, reach):
 
 @loops
 def pairs_of_many(alive, x, y, reach):
-    """Strips as wide as `reach` are laid one behind the other: who is near is near in the same or the next."""
+    """Strips as wide as `reach` lie one behind the other: near ones are in the same or the next."""
     length = np.max(x) - np.min(x) + 4 * reach
     key = np.floor((y - np.min(y)) / reach) * length + (x - np.min(x))
     wide = reach + 1e-15 * np.max(key)
