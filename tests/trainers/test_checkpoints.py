@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from swarm._support import files
-from tests.short_runs import Crash
+from tests.short_runs import Crash, short_settings
 from trainers.training import checkpoint as checkpoints
 from trainers.training.checkpoint import MANIFEST, TENSORS, CheckpointError, read_newest, write
 from trainers.training.run_folder import CHECKPOINTS, RunFolder
@@ -125,6 +125,16 @@ def test_one_of_a_newer_version_is_refused_not_called_damaged(tmp_path, monkeypa
         CheckpointError, match=r"must have format 2, .* got 3: go on with the version that wrote it"
     ):
         read_newest(tmp_path, SETTINGS)
+
+
+def test_one_written_before_a_setting_came_is_gone_on_with_at_its_default(tmp_path):
+    settings = short_settings().identity()
+    validation = {name: each for name, each in settings["validation"].items() if name != "worlds"}
+    write(tmp_path, 1, tensors(1), {"epoch": 1}, settings | {"validation": validation})
+    assert read_newest(tmp_path, settings)[1] == {"epoch": 1}
+    other = short_settings(validation={"worlds": 2}).identity()
+    with pytest.raises(CheckpointError, match="differs from its settings in validation"):
+        read_newest(tmp_path, other)
 
 
 OPERATIONS = [

@@ -72,9 +72,9 @@ def minimal(
 ) -> None:
     """Find out how few parameters buy how much of the limit: `swarm minimal experiment=linear_n4,linear_n8`.
 
-    Networks of 0 to 24 nodes are trained by DQN, pruned, searched by CMA-ES and NEAT
-    (chemoswarm\\[evolution]), beside the two-state machine. Other KEY=VALUE words are settings of every
-    training.
+    Networks of 0 to 24 nodes are trained by DQN, pruned, searched by CMA-ES and
+    NEAT (chemoswarm\\[evolution]), beside the two-state machine. Other KEY=VALUE
+    words are settings of every training.
     """
     from trainers.studies.minimal.plan import MinimalPlan
     from trainers.studies.minimal.report import STUDY, smallest
@@ -93,9 +93,9 @@ def strategies(
 ) -> None:
     """Hold all strategies against the limit of each world: devised, searched, trained and optimal ones.
 
-    Worlds are those of the paper and space, or of `experiment=NAME,...`; DQN and PPO are trained for each,
-    and the smallest brain is searched for (chemoswarm\\[evolution]). Other KEY=VALUE words are settings of
-    every training.
+    Worlds are those of the paper and space, or of `experiment=NAME,...`; DQN and
+    PPO are trained for each, and the smallest brain is searched for
+    (chemoswarm\\[evolution]). Other KEY=VALUE words are settings of every training.
     """
     from trainers.studies.strategies.plan import StrategiesPlan
     from trainers.studies.strategies.report import STUDY, overview

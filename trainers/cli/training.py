@@ -42,11 +42,11 @@ SEVERAL, SHOW, RESUME, FOLDER = ("-m", "--multirun"), "--show", "resume=", "hydr
 
     `--show` prints all settings and their values, or those of every run of a sweep, and ends.
 
-    `-m` sweeps over values with commas (`seed=0,1,2`), `hydra.run.dir=DIR` chooses the folder,
-    `resume=DIR` goes on with a run.
+    `-m` sweeps over values with commas (`seed=0,1,2`), `hydra.run.dir=DIR`
+    chooses the folder, `resume=DIR` goes on with a run.
 
-    `launcher=processes` or `ray` (`launcher.jobs=N`, `launcher.address=HOST:PORT`) collects decisions
-    there, by blocks of `learning.block=N` cells.""",
+    `launcher=processes` or `ray` (`launcher.jobs=N`, `launcher.address=HOST:PORT`)
+    collects decisions there, by blocks of `learning.block=N` cells.""",
 )
 def train(context: typer.Context) -> None:
     """Train a policy."""

@@ -165,6 +165,15 @@ class Settings:
         return yaml.safe_dump(dataclasses.asdict(self), sort_keys=False)
 
 
+def completed(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """What `identity` said in an earlier version; settings that have come since are at their defaults."""
+    if not isinstance(name := stored.get("algorithm"), str) or name not in ALGORITHMS:
+        return dict(stored)
+    defaults = Settings(algorithm=name).identity()
+    given = {key: stored[key] for key in SECTIONS if isinstance(stored.get(key), Mapping)}
+    return defaults | stored | {key: defaults[key] | each for key, each in given.items()}
+
+
 def dotted(given: Mapping[str, Any]) -> dict[str, Any]:
     """Settings by their own keys: those of a section one by one."""
     found: dict[str, Any] = {}

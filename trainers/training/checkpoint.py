@@ -19,6 +19,7 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from swarm._support import files
+from trainers.settings.schema import completed
 from trainers.training.loop import Training
 from trainers.training.run_folder import RunError
 
@@ -92,6 +93,7 @@ def _read(path: Path, settings: dict[str, Any], at_most: int) -> tuple[dict[str,
     stored, record = manifest.get("settings"), manifest.get("record")
     if not isinstance(stored, dict) or not isinstance(record, dict):
         raise _Damaged(f"its {MANIFEST} must hold settings and a record")
+    stored = completed(stored)
     other = sorted(key for key in settings.keys() | stored.keys() if stored.get(key) != settings.get(key))
     if other:
         raise CheckpointError(
