@@ -171,7 +171,7 @@ def completed(stored: Mapping[str, Any]) -> dict[str, Any]:
         return dict(stored)
     defaults = Settings(algorithm=name).identity()
     given = {key: stored[key] for key in SECTIONS if isinstance(stored.get(key), Mapping)}
-    return defaults | stored | {key: defaults[key] | each for key, each in given.items()}
+    return defaults | dict(stored) | {key: defaults[key] | each for key, each in given.items()}
 
 
 def dotted(given: Mapping[str, Any]) -> dict[str, Any]:
