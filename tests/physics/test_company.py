@@ -132,7 +132,7 @@ def test_contact_finds_all_pairs_that_are_near(cells, box, reach):
     x, y = rng.uniform(0, box, (2, cells))
     x[::2] += 1e6 * (box > 100)
     alive = rng.random(cells) < 0.8
-    x[-1], alive[-1] = math.nan, cells == 1  # who has finished may be anywhere
+    x[-1], alive[-1] = np.nan, cells == 1  # who has finished may be anywhere
     near = (np.hypot(x[:, None] - x, y[:, None] - y) <= reach) & alive[:, None] & alive
     for pairs in (pairs_of_few, pairs_of_many):
         found = sorted(map(sorted, pairs(alive, x, y, float(reach)).tolist()))
