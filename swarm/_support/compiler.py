@@ -11,6 +11,7 @@ import importlib.util
 import operator
 import types
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -110,8 +111,8 @@ _OUTSIDE: list[Callable[..., Array]] = []  # functions that are called from comp
 
 
 def loops(function: F, **options: Any) -> F:
-    """`function`, which numba compiles when it is first called, and keeps for later processes; as it is where
-    numba is not installed. Options are numba's.
+    """`function`, which numba compiles when it is first called, and keeps for later processes where a folder
+    can be written; as it is where numba is not installed. Options are numba's.
 
     It sees NumPy arrays and numbers alone, and calls nothing but such functions and NumPy's. A module with
     such functions is imported when they are needed: numba takes half a second.
@@ -120,7 +121,11 @@ def loops(function: F, **options: Any) -> F:
         return function
     import numba
 
-    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function))
+    compiled = numba.njit(nogil=True, error_model="numpy", **options)(function)
+    if hasattr(compiled, "enable_caching"):  # not where NUMBA_DISABLE_JIT leaves it as it is
+        with suppress(RuntimeError):  # neither the package nor the user's cache can be written
+            compiled.enable_caching()
+    return cast(F, compiled)
 
 
 def inlined(function: F) -> F:

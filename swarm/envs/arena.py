@@ -16,6 +16,7 @@ from swarm.envs.spaces import state_table, told
 from swarm.physics.crowd.medium import MediumState
 from swarm.physics.starts import Draws, SpreadStarts, draw_record_noise, draw_starts, noise_of
 from swarm.physics.world import Outcome, State, World
+from swarm.physics.world.state import check_arrivals
 
 DTYPES = {"float32": np.float32, "float64": np.float64}
 POPULATION: streams.Population = "training"
@@ -39,6 +40,7 @@ class Arena:
     def __init__(self, world: World, n_swimmers: int, dtype: str) -> None:
         self.world = world
         self.n_swimmers = check_count("n_swimmers", n_swimmers)
+        check_arrivals(world, self.n_swimmers)
         self.dtype: Any = DTYPES[check_name("dtype", dtype, DTYPES)]
         self.seeds: tuple[int, ...] = ()  # one of all cells or one of each; none before the first reset
         self.episode = np.zeros(self.n_swimmers, np.int64)

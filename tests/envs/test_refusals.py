@@ -271,3 +271,9 @@ def test_huge_numbers_that_are_finite_are_no_error():
     env.reset(seed=0, options={"position": np.full((2, 2), 1e200)})
     env.step(dict.fromkeys(env.agents, 0))
     assert np.isfinite(env.state()).all()
+
+
+@pytest.mark.parametrize("make", [swarm.parallel_env, swarm.SpermSwarmVector, SwarmEnv])
+def test_more_arrivals_than_cells_are_refused_when_a_face_is_made(make):
+    with pytest.raises(ValueError, match=r"^first_arrivals must be at most the number of cells, 3, got 4$"):
+        make(n_swimmers=3, **RACE | {"first_arrivals": 4})

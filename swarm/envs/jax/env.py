@@ -19,6 +19,7 @@ from swarm.physics.motion.arc import Pose, components
 from swarm.physics.motion.swimmer import Way
 from swarm.physics.starts import draw_starts
 from swarm.physics.world import State, World
+from swarm.physics.world.state import check_arrivals
 
 Array = Any
 
@@ -76,6 +77,7 @@ class JaxSwarmEnv:
     ) -> None:
         self.world = make_world(world, parameters)
         self.n_swimmers = check_count("n_swimmers", n_swimmers)
+        check_arrivals(self.world, n_swimmers)
         self.max_cycles = optional(check_count)("max_cycles", max_cycles)
         self.dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
         if dtype == "float64" and not jax.config.jax_enable_x64:

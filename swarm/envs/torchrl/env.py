@@ -21,6 +21,7 @@ from swarm.envs.spaces import checked, state_bounds, told
 from swarm.envs.torchrl import worlds
 from swarm.envs.torchrl.worlds import DTYPES, Worlds, decision, placed
 from swarm.physics.world import World
+from swarm.physics.world.state import check_arrivals
 
 GROUP = "swimmers"
 ENDS = ("done", "terminated", "truncated")
@@ -69,6 +70,7 @@ class SwarmEnv(Worlds, EnvBase):
         self.world = make_world(world, parameters)
         shape = check_count("n_worlds", n_worlds), check_count("n_swimmers", n_swimmers)
         self.n_worlds, self.n_swimmers = shape
+        check_arrivals(self.world, n_swimmers)
         self.max_cycles = optional(check_count)("max_cycles", max_cycles)
         self.float_dtype = DTYPES[check_name("dtype", dtype, DTYPES)]
         self.population, self.first = population, check_count("first", first, at_least=0)

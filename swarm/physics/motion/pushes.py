@@ -114,11 +114,14 @@ def pairs_of_few(alive, x, y, reach):
 @loops
 def pairs_of_many(alive, x, y, reach):
     """Strips as wide as `reach` lie one behind the other: near ones are in the same or the next."""
-    length = np.max(x) - np.min(x) + 4 * reach
-    key = np.floor((y - np.min(y)) / reach) * length + (x - np.min(x))
-    wide = reach + 1e-15 * np.max(key)
-    order, upper = np.argsort(key), 0
+    order, upper = np.flatnonzero(alive & np.isfinite(x) & np.isfinite(y)), 0
     pairs, count = np.empty((2 * len(order), 2), np.int64), 0
+    if len(order) < 2:
+        return pairs[:0]
+    length = np.max(x[order]) - np.min(x[order]) + 4 * reach
+    key = np.floor((y - np.min(y[order])) / reach) * length + (x - np.min(x[order]))
+    wide = reach + 1e-15 * np.max(key[order])
+    order = order[np.argsort(key[order])]
     for at in range(len(order)):
         first = order[at]
         while upper < len(order) and key[order[upper]] < key[first] + length - wide:
@@ -129,7 +132,7 @@ def pairs_of_many(alive, x, y, reach):
                 if key[second] > key[first] + strip + wide:
                     break
                 over, up = x[second] - x[first], y[second] - y[first]
-                if over * over + up * up <= reach * reach and alive[first] and alive[second]:
+                if over * over + up * up <= reach * reach:
                     if count == len(pairs):
                         pairs = np.concatenate((pairs, np.empty_like(pairs)))
                     pairs[count, 0], pairs[count, 1] = first, second

@@ -77,6 +77,12 @@ class Outcome(NamedTuple):
     gain: Array  # (..., cells) c(t) − c(0) [concentration]
 
 
+def check_arrivals(world: Parameters, cells: int) -> None:
+    """Raises ValueError where more cells are to arrive than a world has."""
+    wanted, rule = world.first_arrivals, f"first_arrivals must be at most the number of cells, {cells}"
+    check_rule(wanted is None or wanted <= cells, rule, wanted)
+
+
 def check_start(
     world: Parameters, position: Array, heading: Array, past: Array, factors: Array, noise: Array, medium: Any
 ) -> None:
@@ -101,8 +107,7 @@ def check_start(
     rule = "medium must be a MediumState, and go with a world that has a medium"
     fits = medium is None or (world.medium is not None and isinstance(medium, MediumState))
     check_rule(fits, rule, f"{type(medium).__name__} and medium={world.medium}")
-    rule = f"first_arrivals must be at most the number of cells, {cells[-1]}"
-    check_rule(world.first_arrivals is None or cells[-1] >= world.first_arrivals, rule, world.first_arrivals)
+    check_arrivals(world, cells[-1])
     check_cells("position", "be finite", position, xp.all(xp.isfinite(position), axis=-1))
     if axes == 2:
         check_cells("heading", "be finite", heading, xp.isfinite(heading))
