@@ -10,7 +10,7 @@ import importlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-SUBJECTS = ("exact_drift", "exact_medium", "exact_pairs")  # modules here that state laws
+SUBJECTS = ("exact_drift", "exact_medium", "exact_pairs", "exact_crowds")  # modules here that state laws
 
 
 class Law(NamedTuple):

@@ -1,16 +1,14 @@
 """Cells that move each other: the coupled equations, and what a crowd must not feel.
 
-Laws of pairs are in `benchmarks/exact_pairs.py`.
+Laws of pairs, and decisions against DOP853, are in `benchmarks/exact_pairs.py` and `exact_crowds.py`.
 """
 
 import ast
-import math
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import swarm
 from swarm.physics.crowd.neighbours import near_pairs, neighbours
@@ -18,85 +16,6 @@ from swarm.physics.starts import draw_starts
 from swarm.physics.world import World
 
 CONTACT, DENSE = swarm.Contact(0.1, 100.0), ((0.0, 1.0), (0.0, 1.0))
-
-
-def reference(world, state, action):
-    """Positions after a decision, from the coupled equations of all cells."""
-    cells = state.position.shape[0]
-    kappa = np.asarray(world.curvatures)[action]
-    alive = np.ones(cells, bool)
-
-    def rate(_, numbers):
-        x, y, theta = numbers.reshape(3, cells)
-        position, heading = np.stack([x, y], -1), np.stack([np.cos(theta), np.sin(theta)], -1)
-        velocity, spin = heading * world.speed + world.flow.velocity(position), world.speed * kappa
-        spin = spin + world.flow.spin(position)
-        for each in world.interactions:
-            drift, turning = each.drift(position, heading, alive)
-            velocity, spin = velocity + drift, spin + turning
-        return np.concatenate([velocity[:, 0], velocity[:, 1], spin])
-
-    start = np.concatenate([*state.position.T, world.heading_angle(state)])
-    longest = 0.002 if any(isinstance(each, swarm.Contact) for each in world.interactions) else np.inf
-    options = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-11, "max_step": longest}
-    return solve_ivp(rate, (0, world.intervals[0]), start, **options).y[: 2 * cells, -1].reshape(2, cells).T
-
-
-DIPOLES = [swarm.Dipole(0.2, 0.25), swarm.Dipole(0.25, 0.25, "bulk")]
-
-
-@pytest.mark.parametrize(
-    ("interactions", "flow", "bound"),
-    [
-        ([DIPOLES[0]], "still", 1e-5),
-        ([DIPOLES[1]], "still", 1e-5),
-        ([DIPOLES[0]], "taylor_green", 1e-5),
-        ([CONTACT], "still", 1e-4),
-        ([swarm.Contact(0.05, 200.0)], "still", 1e-4),
-        ([CONTACT, DIPOLES[0]], "still", 1e-4),
-    ],
-)
-def test_a_decision_solves_the_coupled_equations(interactions, flow, bound):
-    world = World(interactions=interactions, flow=flow, start_box=((0, 1.6), (0, 1.6)))
-    state = world.start(*draw_starts(world, 9, 4))
-    rng = np.random.default_rng(0)
-    for turn in range(4):
-        action = rng.integers(2, size=9)
-        after, _ = world.step(state, action)
-        if turn > 0:  # the first separates cells that were drawn on top of each other
-            error = np.abs(after.position - reference(world, state, action)).max()
-            assert error <= bound
-        state = after
-
-
-def test_in_a_cluster_of_forty_the_error_stays_below_a_ten_thousandth():
-    world = World(interactions=[CONTACT, swarm.Dipole(0.1, 0.25)], start_box=((0, 3), (0, 3)))
-    state = world.start(*draw_starts(world, 40, 4))
-    rng = np.random.default_rng(4)
-    for turn in range(3):
-        action = rng.integers(2, size=40)
-        after, _ = world.step(state, action)
-        if turn > 0:
-            assert np.abs(after.position - reference(world, state, action)).max() <= 1e-4
-        state = after
-
-
-def test_contact_is_of_second_order_through_its_kink():
-    position, heading = np.array([[0.0, 0.0], [0.18, 0.03]]), np.array([0.0, math.pi])
-    from swarm.physics.motion.arc import Pose
-    from swarm.physics.motion.collocation import Collocation
-    from swarm.physics.motion.company import Company
-
-    pose = Pose(position, np.stack([np.cos(heading), np.sin(heading)], -1))
-    arcs = np.array([3.0, 5.0]), np.ones(2), np.full(2, 0.2)
-
-    def end(substeps):
-        company = Company(swarm.StillWater(), (CONTACT,), Collocation(3, 2, substeps))
-        return company.swim(pose, *arcs, np.ones(2, bool))[0].position
-
-    best = end(4096)
-    coarse, fine = (np.abs(end(substeps) - best).max() for substeps in (128, 512))  # a step each
-    assert fine < coarse / 12
 
 
 LIVES = """
