@@ -146,13 +146,15 @@ def test_help_names_what_can_be_chosen(command):
     assert "{" not in out.replace("{policy}", "")
 
 
-@pytest.mark.parametrize("command", ["minimal", "strategies"])
-def test_help_names_the_extra_and_the_plan_keeps_what_it_decides(command, tmp_path):
+@pytest.mark.parametrize(
+    ("command", "own"), [("minimal", "learning.hidden=[7]"), ("strategies", "world.action=continuous")]
+)
+def test_help_names_the_extra_and_the_plan_keeps_what_it_decides(command, own, tmp_path):
     assert "(chemoswarm[evolution])" in run(command, "--help")[1]
-    for word in ("algorithm=ppo", "recipe=paper"):
+    for word in ("algorithm=ppo", "recipe=paper", "seed=3", "n_seeds=2", own):
         code, _, error = run(command, "experiment=linear_n4", word, "--out", str(tmp_path / "out"))
         assert code == 2
-        assert "recipe and algorithm are the plan's to choose" in error
+        assert f"{own.partition('=')[0]} are the plan's to choose, got {word!r}" in error
         assert not (tmp_path / "out").exists()
 
 

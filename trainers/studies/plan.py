@@ -7,7 +7,7 @@ import os
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from swarm.physics.world import World
 from trainers.jobs.cluster import launched
@@ -16,13 +16,14 @@ from trainers.settings.composition import SettingsError, settings_from, settings
 from trainers.settings.schema import Settings
 from trainers.training.run_folder import TIMINGS, RunError, RunFolder
 
-DECIDED = ("recipe", "algorithm")  # by the plan, not by words
 RUNS = "runs"
 
 
 @dataclass(frozen=True)
 class TrainingPlan:
     """What decides the trainings of a study."""
+
+    DECIDED: ClassVar = ("recipe", "algorithm", "seed", "n_seeds")  # by the plan, not by words
 
     quick: bool = False  # test the shipped policies instead of training
     recipes: tuple[str, ...] = ("swarm",)
@@ -52,8 +53,9 @@ class TrainingPlan:
     def settings(self, recipe: str, experiment: str) -> Settings:
         """Settings of an experiment's trainings, of its first seed; raises SettingsError."""
         for word in self.words:  # else tables would name what was not trained
-            if word.lstrip("+~").partition("=")[0] in DECIDED:
-                raise SettingsError(f"{' and '.join(DECIDED)} are the plan's to choose, got {word!r}")
+            if word.lstrip("+~").partition("=")[0] in self.DECIDED:
+                *others, last = self.DECIDED
+                raise SettingsError(f"{', '.join(others)} and {last} are the plan's to choose, got {word!r}")
         return _composed(f"recipe={recipe}", *self.chosen(experiment), "tensorboard=false", *self.words)
 
     def world(self, experiment: str) -> World:

@@ -18,6 +18,7 @@ SHORT = ("learning.epochs=40", "world.life=40.0")  # of evolution strategies: ha
 
 @dataclass(frozen=True)
 class MinimalPlan(TrainingPlan):
+    DECIDED = (*TrainingPlan.DECIDED, "learning.hidden")
     experiments: tuple[str, ...] = dataclasses.field(init=False)  # an algorithm on a rung of the ladder
     cases: tuple[str, ...] = ("linear_n4",)  # experiments to find the smallest brain for
     nodes: tuple[int, ...] = (0, 1, 2, 3, 4, 8, 24)  # of one tanh layer; 0: none

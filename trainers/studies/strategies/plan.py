@@ -26,6 +26,7 @@ TUNED = "tuning=ppo_swarm_continuous_n4"  # of PPO where curvatures are actions
 
 @dataclass(frozen=True)
 class StrategiesPlan(TrainingPlan):
+    DECIDED = (*TrainingPlan.DECIDED, "world.action")
     # experiments, whose tests' worlds those of the table are
     worlds: tuple[str, ...] = WORLDS
     experiments: tuple[str, ...] = dataclasses.field(init=False)  # WORLD_ALGORITHM, what is trained
