@@ -32,7 +32,8 @@ from swarm.physics.motion.domain import within
 TOLERANCE = 2e-6  # error allowed to the pose after one interval without contact, in float64 [length, rad]
 CONVERGED = 1e-8  # change of the pose at which `swim` halves substeps no more [length, rad]
 MOST_SUBSTEPS = 4096
-SWUM = 1.5  # smallest diameters that a cell swims at most in a substep
+SWUM = 1.5  # smallest diameters that a cell swims at most in a substep beside contact,
+SPUN = 0.035  # where others spin it by no more than this [rad / time]; else less
 STEP, ROUGH = 0.3, 0.8  # stiffness times the length of a Runge–Kutta step of contact
 MAX_STEPS = 4000  # Runge–Kutta steps of contact in an interval
 CROWDING = 2.0  # dipoles beside a cell, whose scales add up
@@ -113,10 +114,23 @@ class Company:
         # a dipole turns twice as fast as its cell, two cells pass at twice their speed, and they may be near
         change = 2.5 * (turn + max(waves, default=0.0) * length) / duration if smooth else 0.0
         strongest = Strongest(flow, smooth, change)
-        contacts = [each.diameter for each in interactions if isinstance(each, Contact)]
-        least = min(math.ceil(length / (SWUM * min(contacts))), SUBSTEPS[-1]) if contacts else 1
+        least = cls._least_substeps(interactions, smooth, length)
         scheme = Collocation.for_interval(strongest, turn, length, duration, spacing, TOLERANCE, least)
         return cls(flow, interactions, scheme)
+
+    @staticmethod
+    def _least_substeps(
+        interactions: tuple[Interaction, ...], smooth: tuple[Interaction, ...], length: float
+    ) -> int:
+        """Quadrature does not see the kinks of contact: what it errs by is as the square of a substep, and as
+        the spin by the others.
+        """
+        diameters = [each.diameter for each in interactions if isinstance(each, Contact)]
+        if not diameters:
+            return 1
+        spin = sum(getattr(each, "spin_scale", 0.0) for each in smooth)
+        wanted = length / (SWUM * min(diameters)) * max(1.0, spin / SPUN) ** 0.5
+        return math.ceil(min(wanted, SUBSTEPS[-1]))
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
