@@ -23,7 +23,7 @@ RUNS = "runs"
 class TrainingPlan:
     """What decides the trainings of a study."""
 
-    DECIDED: ClassVar[tuple[str, ...]] = ("recipe", "algorithm", "seed", "n_seeds")  # by the plan, not by words
+    DECIDED: ClassVar[tuple[str, ...]] = ("recipe", "algorithm", "seed", "n_seeds")  # no words of users
 
     quick: bool = False  # test the shipped policies instead of training
     recipes: tuple[str, ...] = ("swarm",)
