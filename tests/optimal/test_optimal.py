@@ -192,6 +192,7 @@ def test_actions_are_the_same_on_any_array_library_and_with_any_leading_axes(coa
         folded, _ = world.step(folded, again)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
@@ -210,6 +211,7 @@ def test_in_the_flow_no_sequence_of_actions_gains_more_than_the_bound_and_one_ga
     assert gains(world, Optimal(world), starts).mean() == pytest.approx(best.mean(), rel=5e-3)
 
 
+@pytest.mark.slow
 def test_in_the_flow_playing_the_optimal_policy_attains_its_bound_and_no_other_does(coarse):
     world = World(flow=TaylorGreen(), life=40.0)
     starts = draw_starts(world, 200, 0)

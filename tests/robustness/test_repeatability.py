@@ -64,6 +64,7 @@ def test_the_global_generators_decide_nothing_and_stay_as_they_are(tmp_path):
     assert_equal_runs(*found)
 
 
+@pytest.mark.slow
 def test_another_process_with_other_hashes_gives_the_same_run(tmp_path):
     settings = short_settings(world=NOISE)
     expected = whole(tmp_path / "here", settings)

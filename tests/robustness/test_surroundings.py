@@ -135,6 +135,7 @@ print(hashlib.sha256(open("figure.png", "rb").read()).hexdigest())
 """
 
 
+@pytest.mark.slow
 def test_figures_are_ours_whatever_the_user_s_matplotlib(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     dark = "text.usetex: true\nsavefig.transparent: true\naxes.facecolor: black\nfont.size: 30\n"

@@ -135,6 +135,7 @@ def test_a_central_critic_sees_all_cells_of_the_world(world, numbers):
     training.run_epoch()
 
 
+@pytest.mark.slow
 def test_every_command_tells_a_run_of_ppo_from_one_of_dqn():
     algorithms = ["ppo", "dqn", "drqn"]
     for algorithm in algorithms:

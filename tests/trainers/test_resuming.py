@@ -161,6 +161,7 @@ def killed(kills, tmp_path):
     return done.stdout
 
 
+@pytest.mark.slow
 def test_runs_killed_at_random_moments_end_as_if_they_had_not(tmp_path):
     assert "3 kills" in killed(3, tmp_path)
 

@@ -114,6 +114,7 @@ def test_means_and_the_ends_of_their_intervals_are_numbers_in_the_table_and_the_
     assert found.table.headings[:5] == ["net", "test", "seeds", "gain", "95% interval"]
 
 
+@pytest.mark.slow
 def test_what_is_added_is_trained_and_tested_alone_and_what_is_left_out_stays(trained, monkeypatch):
     less = {"tests": {"own": None}, "policies": [], "figures": []}
     first = study(written(**less), Path("out"), **HERE).results
