@@ -8,7 +8,6 @@ from swarm._support.arrays import Array, added_up, is_numpy_or_torch, namespace
 from swarm._support.compiler import NUMBA, call_outside, compiling, loops_on, outside
 from swarm.physics.crowd.interactions import Dipole, Interaction, Pairwise
 
-FEW = 64  # cells of a world up to which all pairs are looked at, which is quicker
 MANY = 256  # cells of a world from which on an interaction of finite reach goes through lists of neighbours
 
 
@@ -84,38 +83,9 @@ def near_pairs(position: Array, reach: float, alive: Array) -> tuple[Array, Arra
     """Both rows (pairs,) of every pair of living cells of the same world that are within `reach` [length].
 
     `position` (worlds, cells, 2) [length], `alive` (worlds, cells) bool; rows count through all worlds, and
-    every pair is there once. NumPy and torch only: how many pairs there are depends on the data.
+    every pair is there once. NumPy and torch only: how many pairs there are depends on the data. Cells are
+    sorted by squares as wide as `reach`; neighbours are in the same square or one beside it.
     """
-    return (_by_sweep if alive.shape[1] <= FEW else _by_grid)(position, reach, alive)
-
-
-def _by_sweep(position: Array, reach: float, alive: Array) -> tuple[Array, Array]:
-    """Cells are sorted by x, world by world; each is compared with the next until none is near in x."""
-    xp = namespace(position)
-    worlds, cells = alive.shape
-    x = xp.where(alive, position[..., 0], xp.full_like(position[..., 0], xp.nan))  # the dead stand last
-    order = xp.argsort(x, axis=-1)
-    if worlds > 1:
-        order = order + cells * xp.arange(worlds, device=order.device)[:, None]
-    x = xp.reshape(x, (-1,))[order]
-    y = xp.reshape(position[..., 1], (-1,))[order]
-    firsts, seconds = [], []
-    for ahead in range(1, cells):
-        dx = x[:, ahead:] - x[:, :-ahead]
-        near = dx <= reach
-        if not bool(xp.any(near)):
-            break
-        dy = y[:, ahead:] - y[:, :-ahead]
-        near = near & (dx * dx + dy * dy <= reach**2)
-        firsts.append(order[:, :-ahead][near])
-        seconds.append(order[:, ahead:][near])
-    if not firsts:
-        return order[:0, 0], order[:0, 0]
-    return xp.concat(firsts), xp.concat(seconds)
-
-
-def _by_grid(position: Array, reach: float, alive: Array) -> tuple[Array, Array]:
-    """Cells are sorted by squares as wide as `reach`; neighbours are in the same square or one beside it."""
     xp = namespace(position)
     worlds, cells = alive.shape
     row = xp.nonzero(xp.reshape(alive, (-1,)))[0]

@@ -102,7 +102,8 @@ class Company:
 
         Raises ValueError where flow, interactions or contact vary too fast for it.
         """
-        pushing = sum(each.stiffness for each in interactions if isinstance(each, Contact))
+        contacts = [each for each in interactions if isinstance(each, Contact)]
+        pushing = sum(each.stiffness for each in contacts)
         if pushing * duration / STEP > MAX_STEPS:
             raise ValueError(
                 f"stiffness must be at most {MAX_STEPS * STEP / duration:g}, which takes {MAX_STEPS} steps "
@@ -114,23 +115,9 @@ class Company:
         # a dipole turns twice as fast as its cell, two cells pass at twice their speed, and they may be near
         change = 2.5 * (turn + max(waves, default=0.0) * length) / duration if smooth else 0.0
         strongest = Strongest(flow, smooth, change)
-        least = cls._least_substeps(interactions, smooth, length)
+        least = _least_substeps(contacts, smooth, length)
         scheme = Collocation.for_interval(strongest, turn, length, duration, spacing, TOLERANCE, least)
         return cls(flow, interactions, scheme)
-
-    @staticmethod
-    def _least_substeps(
-        interactions: tuple[Interaction, ...], smooth: tuple[Interaction, ...], length: float
-    ) -> int:
-        """Quadrature does not see the kinks of contact: what it errs by is as the square of a substep, and as
-        the spin by the others.
-        """
-        diameters = [each.diameter for each in interactions if isinstance(each, Contact)]
-        if not diameters:
-            return 1
-        spin = sum(getattr(each, "spin_scale", 0.0) for each in smooth)
-        wanted = length / (SWUM * min(diameters)) * max(1.0, spin / SPUN) ** 0.5
-        return math.ceil(min(wanted, SUBSTEPS[-1]))
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
@@ -248,6 +235,17 @@ class Company:
         targets = len(self.scheme.targets)
         found = call_outside(number, (2, targets, *flat[0].shape), given[0], *flat)
         return xp.reshape(found, (2, targets, *shape))
+
+
+def _least_substeps(contacts: list[Contact], smooth: tuple[Interaction, ...], length: float) -> int:
+    """Quadrature does not see the kinks of contact: what it errs by is as the square of a substep, and as the
+    spin by the others.
+    """
+    if not contacts:
+        return 1
+    spin = sum(getattr(each, "spin_scale", 0.0) for each in smooth)
+    wanted = length / (SWUM * min(each.diameter for each in contacts)) * max(1.0, spin / SPUN) ** 0.5
+    return math.ceil(min(wanted, SUBSTEPS[-1]))
 
 
 def swim(
